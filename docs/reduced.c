@@ -1,30 +1,61 @@
-/* A reduced body of skfem-stvk in C: steps of linearised backward Euler (eq. 9) from the file of reduced.save("bar.txt").
+/* A reduced body of skfem-stvk in C or C++: steps of linearised backward Euler (eq. 9) from the file of reduced.save("bar.txt").
    cc -O2 -o reduced reduced.c -lm && ./reduced bar.txt DT STEPS ALPHA BETA SPEED LOCATION FORCE...
-   Lifts move at SPEED [m/s]; the total FORCE [N], one number per dimension, pushes on LOCATION. Its displacements are printed. */
+   Lifts move at SPEED; the total FORCE, one number per dimension, pushes on LOCATION. Its displacements are printed. All numbers
+   have the units that `units` of the file names, such as m, kg, s and N. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct { char name[64], type[8]; int rank; long size[5]; double *at; char (*text)[128]; } Array; /* ids too are doubles */
-static Array arrays[32];
+enum { MOST = 1000000000 };                                                             /* entries of an array, and an integer */
+typedef char Text[128];
+typedef struct { char name[64], type[8]; int rank; long size[5]; double *at; Text *text; } Array;          /* ids too are doubles */
+static Array arrays[32];                                                                     /* the last one has an empty name */
 
-static Array *find(const char *name) {
-    for (Array *a = arrays; *a->name; a++) if (!strcmp(a->name, name)) return a;
-    fprintf(stderr, "there is no %s: is this the text of a reduced body?\n", name);
+static void *zeros(long n, size_t bytes) {
+    void *made = calloc(n + 1, bytes);
+    if (!made) fprintf(stderr, "there is no memory for %ld entries\n", n), exit(1);
+    return made;
+}
+
+static double *reals(long n) { return (double *)zeros(n, sizeof(double)); }
+
+/* The array of a name with this type, this number of dimensions and these sizes, of which -1 may be any. */
+static Array *find(const char *name, const char *type, int rank, long n0, long n1, long n2) {
+    const long size[] = {n0, n1, n2};
+    for (Array *a = arrays; *a->name; a++) {
+        int same = !strcmp(a->name, name) && !strcmp(a->type, type) && a->rank == rank;
+        for (int r = 0; same && r < rank; r++) same = size[r] < 0 || size[r] == a->size[r];
+        if (same) return a;
+    }
+    fprintf(stderr, "there is no array %s of type %s and its sizes: is this the text of a reduced body?\n", name, type);
     exit(1);
+}
+
+static int read_array(FILE *in, Array *a) {
+    int text = !strcmp(a->type, "text"), whole = !strcmp(a->type, "int"), good = text || whole || !strcmp(a->type, "real");
+    long n = 1;
+    good &= a->rank >= 1 && a->rank <= (text ? 1 : 5);
+    for (int r = 0; good && r < a->rank; r++) {
+        good = fscanf(in, "%ld", &a->size[r]) == 1 && a->size[r] >= 0 && a->size[r] <= MOST / (n > 0 ? n : 1);
+        n *= a->size[r];
+    }
+    if (!good) return 0;
+    if (text) a->text = (Text *)zeros(n, sizeof(Text));
+    else a->at = reals(n);
+    for (long i = 0; good && i < n; i++) {
+        good = (text ? fscanf(in, " %127[^\n]", a->text[i]) : fscanf(in, "%lf", &a->at[i])) == 1;
+        if (whole) good &= fabs(a->at[i]) <= MOST && floor(a->at[i]) == a->at[i];
+    }
+    return good;
 }
 
 static int read_arrays(const char *path) {
     FILE *in = fopen(path, "r");
-    int good = in && fscanf(in, "skfem-stvk reduced body %*d") != EOF;
-    for (Array *a = arrays; good && fscanf(in, "%63s %7s %d", a->name, a->type, &a->rank) == 3; a++) {
-        long n = 1;
-        for (int r = 0; r < a->rank; r++) good &= fscanf(in, "%ld", &a->size[r]) == 1, n *= a->size[r];
-        a->at = calloc(n + 1, sizeof *a->at), a->text = calloc(n + 1, sizeof *a->text);
-        for (long i = 0; i < n && good; i++)
-            good = (!strcmp(a->type, "text") ? fscanf(in, " %127[^\n]", a->text[i]) : fscanf(in, "%lf", &a->at[i])) == 1;
-    }
+    int version = 0, good = in && fscanf(in, "skfem-stvk reduced body %d", &version) == 1 && version == 1;
+    for (Array *a = arrays; good && fscanf(in, "%63s %7s %d", a->name, a->type, &a->rank) == 3; a++)
+        good = a < arrays + 31 && read_array(in, a);
+    good = good && feof(in);
     if (in) fclose(in);
     return good;
 }
@@ -33,7 +64,7 @@ static int read_arrays(const char *path) {
    slowest in T. A row of T belongs to one d and one c and has all pairs a <= b <= c, of which the pair a, b is b (b + 1)/2 + a. */
 static void quartic(long n, const double *T, const double *x, double *gradient, double *H) {
     long pairs = n * (n + 1) / 2;
-    double *p = malloc(pairs * 8), *P = calloc(pairs, 8), *Y = calloc(n * pairs, 8);
+    double *p = reals(pairs), *P = reals(pairs), *Y = reals(n * pairs);
     for (long b = 0; b < n; b++) for (long a = 0; a <= b; a++) p[b * (b + 1) / 2 + a] = x[a] * x[b];
     for (long d = 0; d < n; d++) for (long c = 0; c <= d; c++) {
         long row = (c + 1) * (c + 2) / 2;
@@ -76,11 +107,13 @@ static int solve(long r, long n, double *A, double *b) {
 /* One step: (M/h^2 + D/h + K) w = M v/h + force - F(z) over the r unknowns, D = alpha M + beta K(0). The l entries of w after them
    are given: how far the lifts move. Then z <- z + w, v <- w/h. */
 static int step(double h, double alpha, double beta, const double *force, double *w, double *z, double *v) {
-    long r = find("size")->at[0], m = r + find("size")->at[1], n = m + 1;
-    const double *M = find("mass")->at, *K0 = find("stiffness")->at;
-    double *x = malloc(n * 8), *G = malloc(n * 8), *H = malloc(n * n * 8), *A = calloc(m * m, 8);
-    x[0] = 1, memcpy(x + 1, z, m * 8);
-    quartic(n, find("T")->at, x, G, H);
+    const double *size = find("size", "int", 1, 2, -1, -1)->at;
+    long r = size[0], m = r + size[1], n = m + 1;
+    const double *M = find("mass", "real", 2, m, m, -1)->at, *K0 = find("stiffness", "real", 2, m, m, -1)->at;
+    const double *T = find("T", "real", 1, n * (n + 1) * (n + 2) / 6 * (n + 3) / 4, -1, -1)->at;
+    double *x = reals(n), *G = reals(n), *H = reals(n * n), *A = reals(m * m);
+    x[0] = 1, memcpy(x + 1, z, m * sizeof *x);
+    quartic(n, T, x, G, H);
     for (long i = 0; i < r; i++) {
         w[i] = force[i] - G[i + 1];
         for (long j = 0; j < m; j++) {
@@ -99,15 +132,20 @@ int main(int argc, char **argv) {
     if (argc < 9) return fprintf(stderr, "usage: reduced BODY.txt DT STEPS ALPHA BETA SPEED LOCATION FORCE...\n"), 1;
     if (!read_arrays(argv[1])) return fprintf(stderr, "%s is not whole, or no text of skfem-stvk reduced body 1\n", argv[1]), 1;
     double h = atof(argv[2]), alpha = atof(argv[4]), beta = atof(argv[5]), speed = atof(argv[6]);
-    long r = find("size")->at[0], m = r + find("size")->at[1], d = find("rows")->size[1], at = 0;
-    Array *locations = find("locations");
-    while (at < locations->size[0] && strcmp(locations->text[at], argv[7])) at++;
-    if (at == locations->size[0] || argc != 8 + d) return fprintf(stderr, "no location %s, or not %ld forces\n", argv[7], d), 1;
-    long first = find("starts")->at[at], last = find("starts")->at[at + 1];
-    const double *rows = find("rows")->at;
-    double *z = calloc(m, 8), *v = calloc(m, 8), *w = calloc(m, 8), *force = malloc(m * 8);
-    memcpy(z + r, find("amounts")->at, (m - r) * 8);
-    memcpy(force, find("loads")->at, m * 8);
+    const double *size = find("size", "int", 1, 2, -1, -1)->at;
+    Array *locations = find("locations", "text", 1, -1, -1, -1);
+    long r = size[0], l = size[1], m = r + l, count = locations->size[0], at = 0;
+    if (r < 0 || l < 0) return fprintf(stderr, "size = %ld %ld; expected numbers of unknowns and lifts\n", r, l), 1;
+    Array *nodes = find("rows", "real", 3, -1, -1, m);
+    const double *rows = nodes->at, *starts = find("starts", "int", 1, count + 1, -1, -1)->at;
+    long d = nodes->size[1];
+    while (at < count && strcmp(locations->text[at], argv[7])) at++;
+    if (at == count || argc != 8 + d) return fprintf(stderr, "no location %s, or not %ld forces\n", argv[7], d), 1;
+    long first = starts[at], last = starts[at + 1];
+    if (first < 0 || last < first || last > nodes->size[0]) return fprintf(stderr, "starts: expected rows of nodes\n"), 1;
+    double *z = reals(m), *v = reals(m), *w = reals(m), *force = reals(m);
+    memcpy(z + r, find("amounts", "real", 1, l, -1, -1)->at, l * sizeof *z);
+    memcpy(force, find("loads", "real", 1, m, -1, -1)->at, m * sizeof *force);
     for (long node = first; node < last; node++) for (long c = 0; c < d; c++) for (long j = 0; j < m; j++)
         force[j] += rows[(node * d + c) * m + j] * atof(argv[8 + c]) / (last - first);      /* equal parts on the nodes */
     for (long i = 0; i < atol(argv[3]); i++) {

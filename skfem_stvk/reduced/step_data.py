@@ -6,13 +6,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, shown
 from ..errors import StvkError
 from ..mesh.locations import vertices_at
 from ..terms.load import Moment
 from .coordinates import PrecomputedCoordinates
 
 FIRST_LINE = "skfem-stvk reduced body 1"
+#: Largest number of bytes of a name in UTF-8, which programs in C read into a buffer.
+LONGEST = 127
 
 
 class StepArray(NamedTuple):
@@ -36,6 +38,7 @@ LAYOUT = {
     "nodes": StepArray(("N",), "", "nodes of the locations, from 0"),
     "positions": StepArray(("N", "d"), "m", "their positions at rest"),
     "rows": StepArray(("N", "d", "m"), "", "displacements of these nodes: u = rows z"),
+    "units": StepArray(("5",), "", "units of length, mass, time, force and energy in this file"),
 }
 
 
@@ -45,7 +48,8 @@ def step_data(body: PrecomputedCoordinates) -> dict[str, Array]:
     Raises
     ------
     StvkError
-        if a term is not a quartic, or a load depends on time or displacements: such a step needs the mesh.
+        if a term is not a quartic, or a load depends on time or displacements: such a step needs the mesh; if the name of a location
+        is no line of text of at most 127 bytes.
     """
     system, mesh = body.system, body.mesh
     if not body.quartic:
@@ -60,6 +64,12 @@ def step_data(body: PrecomputedCoordinates) -> dict[str, Array]:
     lifts = [f"{name} {c}" for name, moved in system.supports.moved.items() for c in moved.components]
     count = len(body.free.fixed)
     names = sorted({*mesh.boundaries, *mesh.node_sets})
+    bad = [name for name in (*names, *lifts) if not _is_line(name)]
+    if bad:
+        raise StvkError(
+            f"The name of a location is {shown(bad[0])} ({len(bad)} such); expected one line of 1 to {LONGEST} bytes in UTF-8, a lift's "
+            "component included, that does not begin with a blank. Rename it, or save as .npz."
+        )
     at = [vertices_at(mesh, name, f"location {name!r}") for name in names]
     nodes = np.concatenate([np.empty(0, dtype=np.int64), *at])
     arrays: dict[str, Any] = {
@@ -75,5 +85,16 @@ def step_data(body: PrecomputedCoordinates) -> dict[str, Array]:
         "nodes": nodes,
         "positions": mesh.p.T[nodes],
         "rows": body.columns.reshape(mesh.nv, mesh.d, -1)[nodes],
+        "units": np.array([system.units.symbol(one) for one in ("length", "mass", "time", "force", "energy")]),
     }
     return {name: np.asarray(array) for name, array in arrays.items()}
+
+
+def _is_line(name: str) -> bool:
+    """Return whether a name is an entry of a text array, which programs in C read as one line without leading blanks."""
+    if name.splitlines() != [name] or name[0].isspace() or "\0" in name:
+        return False
+    try:
+        return len(name.encode()) <= LONGEST
+    except UnicodeEncodeError:  # surrogates
+        return False

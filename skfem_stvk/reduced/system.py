@@ -178,7 +178,8 @@ class ReducedSystem:
         Raises
         ------
         StvkError
-            if the path is not writable; for text, if a term or a load needs the mesh in each step.
+            if the path is not writable; for text, if a term or a load needs the mesh in each step, or a name of a location does not
+            fit into one line of 127 bytes.
         """
         from .stores import ReducedFile  # pydantic is imported only where there are files
 

@@ -34,6 +34,7 @@ from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, options
 from .schema.derived import SURFACES, Derived
 from .schema.places import BoxPlace, where_of
+from .schema.quantities import input_files
 from .schema.sections import Expectation, Prescribed
 from .schema.terms import given_by, in_elements, in_time
 from .source import SceneSource
@@ -184,12 +185,8 @@ def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
 
 
 def _check_files(sections: SceneTables, source: SceneSource, complaints: Complaints, mesh: ElementMesh | None) -> None:
-    mesh_file = getattr(sections.mesh, "file", None) if mesh is None else None
-    files: dict[tuple[str | int, ...], str | None] = {("mesh", "file"): mesh_file, ("initial", "file"): sections.initial.file}
-    for number, term in enumerate(sections.terms):
-        files["terms", number, "second", "file"] = getattr(getattr(term, "second", None), "file", None)
-    for loc, name in files.items():
-        if name is None:
+    for loc, name in input_files(sections):
+        if mesh is not None and loc == ("mesh", "file"):
             continue
         with complaints.at(*loc):
             path = checked_path("path", source.folder / name, "the path of a file")

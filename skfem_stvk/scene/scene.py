@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -30,6 +31,7 @@ from .report import write_report
 from .run import RTOL, solve
 from .schema import SceneTables, scene_tables
 from .schema.analyses import options
+from .schema.quantities import input_files
 from .source import SceneSource
 from .syntax import written
 from .units import implausible
@@ -303,9 +305,8 @@ class Scene:
             data["solver"] |= {name: value for name, value in vars(built.integrator).items() if name in ("rtol", "tangent")}
         elif built.solver and self.sections.analysis.type != "modes":
             data["solver"].setdefault("rtol", RTOL)
-        for table in ("mesh", "initial"):
-            if "file" in data[table] and folder is not None:
-                data[table]["file"] = os.path.relpath(self.source.folder / data[table]["file"], folder)
+        for (*tables, name), file in input_files(self.sections) if folder is not None else ():
+            reduce(getitem, tables, data)[name] = os.path.relpath(self.source.folder / file, folder)
         tables = _tables(scene_tables().model_validate(data))
         if not built.solver:
             del tables["solver"]  # explicit integrators solve no systems
@@ -342,9 +343,10 @@ class Scene:
         """Hash of the scene with the contents of its files; it does not depend on title, comments and the order of keys."""
         from ..mesh.files import parts_of  # meshio is imported only for mesh files
 
-        folder, mesh, initial = self.source.folder, getattr(self.sections.mesh, "file", None), self.sections.initial
-        files = [] if mesh is None else parts_of(folder / mesh)
-        files += [] if initial.file is None else parts_of_state(folder / initial.file, initial.at)
+        files: list[Path] = []
+        for loc, name in input_files(self.sections):
+            path = self.source.folder / name
+            files += parts_of_state(path, self.sections.initial.at) if loc == ("initial", "file") else parts_of(path)
         return hash_of(self.source.data, files)
 
     def _repr_html_(self) -> str:

@@ -446,7 +446,7 @@ class BoundMeshContact:
             *numbers_of(self.contact.friction),
             len(self._nodes),
             float(self._barrier.areas().sum()),
-            float(np.abs(self._X[len(self._nodes) :]).sum()),
+            *self._X[len(self._nodes) :].ravel().tolist(),
         ]
 
     def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:

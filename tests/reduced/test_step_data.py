@@ -1,5 +1,6 @@
 """The text of a reduced body has all data of a step: the C program of the docs moves the body as this package does."""
 
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -49,16 +50,20 @@ BODIES = {
 }
 
 
-@pytest.fixture(scope="module")
-def program(tmp_path_factory):
-    """Return the C program of the docs, compiled by the system's compiler."""
-    compiler = shutil.which("cc")
+@pytest.fixture(scope="module", params=[("cc", "-std=c99"), ("c++", "-xc++")], ids=["C", "C++"])
+def program(request, tmp_path_factory):
+    """Return the C program of the docs, compiled as C and as C++, with checks of its memory if the compiler has them."""
+    name, language = request.param
+    compiler = shutil.which(name)
     if compiler is None:
-        pytest.skip("there is no C compiler, cc")
+        pytest.skip(f"there is no compiler {name}")
     file = tmp_path_factory.mktemp("c") / "reduced"
-    command = [compiler, "-O2", "-Wall", "-Wextra", "-Werror", "-std=c99", "-o", file, DOCS / "reduced.c", "-lm"]
-    subprocess.run(command, check=True, capture_output=True)
-    return file
+    command = [compiler, "-O2", "-Wall", "-Wextra", "-Werror", language, "-o", file, DOCS / "reduced.c", "-lm"]
+    if subprocess.run([*command, "-fsanitize=address,undefined", "-fno-sanitize-recover"], capture_output=True).returncode:
+        subprocess.run(command, check=True, capture_output=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ASAN_OPTIONS", "detect_leaks=0")
+        yield file
 
 
 def by_program(program, file, force, speed=SPEED):
@@ -107,6 +112,88 @@ def test_the_c_program_reports_wrong_arguments(program, tmp_path):
         assert done.returncode == 1 and words in done.stderr
 
 
+def replaced(old, new):
+    """Return a change of a text that replaces the first occurrence."""
+
+    def change(text):
+        assert old in text
+        return text.replace(old, new, 1)
+
+    return change
+
+
+DAMAGED = {
+    "negative size": (replaced("mass real 2 3 3", "mass real 2 -3 3"), "is not whole"),
+    "huge size": (replaced("T real 1 35", "T real 1 99999999999999999999"), "is not whole"),
+    "huge product": (replaced("mass real 2 3 3", "mass real 2 4000000000 4000000000"), "is not whole"),
+    "negative rank": (replaced("mass real 2 3 3", "mass real -2 3 3"), "is not whole"),
+    "high rank": (replaced("mass real 2 3 3", "mass real 9 3 3 3 3 3 3 3 3 3"), "is not whole"),
+    "another type": (replaced("mass real 2", "mass text 2"), "is not whole"),
+    "unknown type": (replaced("mass real", "mass float"), "is not whole"),
+    "whole numbers": (replaced("mass real", "mass int"), "is not whole"),
+    "another version": (replaced("reduced body 1", "reduced body 2"), "is not whole"),
+    "too many arrays": (lambda text: text + "more real 1 0\n" * 40, "is not whole"),
+    "end in the middle": (lambda text: text[: text.index("starts int") + 12], "is not whole"),
+    "words at the end": (lambda text: text + "and so on\n", "is not whole"),
+    "locations as numbers": (
+        lambda text: text.replace("locations text 1 3\nback\ngrip\ntip", "locations int 1 3\n1\n2\n3"),
+        "locations",
+    ),
+    "no unknowns": (replaced("size int 1 2\n3\n0", "size int 1 2\n-3\n6"), "size = -3 6"),
+    "huge unknowns": (replaced("size int 1 2\n3", "size int 1 2\n1e300"), "is not whole"),
+    "other unknowns": (replaced("size int 1 2\n3", "size int 1 2\n4"), "array rows of type real"),
+    "one size": (replaced("size int 1 2\n3\n0", "size int 1 1\n3"), "array size of type int"),
+    "fewer starts": (lambda text: re.sub(r"starts int 1 4\n\d+\n", "starts int 1 3\n", text), "array starts of type int"),
+    "starts outside": (lambda text: re.sub(r"(starts int 1 4\n\d+\n\d+\n\d+)\n\d+", r"\1\n1000", text), "expected rows of nodes"),
+    "starts below": (lambda text: re.sub(r"(starts int 1 4\n\d+\n\d+)\n\d+", r"\1\n-1", text), "expected rows of nodes"),
+    "fewer loads": (lambda text: re.sub(r"loads real 1 3\n\S+", "loads real 1 2", text), "array loads of type real"),
+    "fewer coefficients": (lambda text: re.sub(r"T real 1 35\n\S+", "T real 1 34", text), "array T of type real"),
+}
+
+
+@pytest.mark.parametrize("how", DAMAGED)
+def test_the_c_program_refuses_a_damaged_text_before_it_uses_it(how, program, tmp_path):
+    """Sizes and types that lead outside of the memory, in builds whose memory is checked."""
+    text = ReducedSystem(body_of(prescribed=None), size=3, modes=2, quiet=True).save(tmp_path / "body.txt").read_text()
+    change, words = DAMAGED[how]
+    (tmp_path / "damaged.txt").write_text(change(text))
+    assert (tmp_path / "damaged.txt").read_text() != text
+    arguments = [tmp_path / "damaged.txt", "0.01", "1", "0", "0", "0", "tip", "0", "0", "0"]
+    done = subprocess.run([program, *arguments], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (1, "") and words in done.stderr and "Sanitizer" not in done.stderr
+
+
+BAD_NAMES = ["", " tip", "\ttip", "a\nb", "tip\n", "a\rb", "a\u2028b", "x" * 128, "ä" * 64, "\udcff", "a\0b"]
+
+
+@pytest.mark.parametrize("name", BAD_NAMES)
+def test_names_that_the_text_cannot_hold_are_refused(name, tmp_path):
+    mesh = ElementMesh(cube(2).p, cube(2).t, node_sets={name: [0, 1]}, boundaries=cube(2).with_boundaries(PLACES).boundaries)
+    reduced = ReducedSystem(System(mesh, [LAW], fixed={"back": "xyz"}), size=3, modes=2, quiet=True)
+    with pytest.raises(StvkError, match=r"The name of a location is .* \(1 such\); expected one line of 1 to 127 bytes"):
+        reduced.save(tmp_path / "body.txt")
+    assert not list(tmp_path.iterdir())
+    reduced.save(tmp_path / "body.npz")
+
+
+def test_a_name_of_127_bytes_with_blanks_within_is_kept(tmp_path, program):
+    name = "tip of a 'beam' " + "ä" * 55 + "b"
+    mesh = ElementMesh(cube(2).p, cube(2).t, node_sets={name: [0, 1]}, boundaries=cube(2).with_boundaries(PLACES).boundaries)
+    file = ReducedSystem(System(mesh, [LAW], fixed={"back": "xyz"}), size=3, modes=2, quiet=True).save(tmp_path / "body.txt")
+    assert len(name.encode()) == 127
+    done = subprocess.run(
+        [program, file, "0.01", "1", "0", "0", "0", name, "0", "0", "1"], capture_output=True, text=True, check=True
+    )
+    assert len(done.stdout.splitlines()) == 2
+
+
+@pytest.mark.parametrize(("units", "symbols"), [("SI", "m kg s N J"), ("mm-N-MPa", "mm t s N mJ")])
+def test_the_text_has_its_units(units, symbols, tmp_path):
+    mesh = cube(2).with_boundaries(PLACES)
+    reduced = ReducedSystem(System(mesh, [LAW], fixed={"back": "xyz"}, units=units), size=3, modes=2, quiet=True)
+    assert reduced.save(tmp_path / "body.txt").read_text().splitlines()[-6:] == ["units text 1 5", *symbols.split()]
+
+
 def test_the_arrays_are_those_of_the_body(tmp_path, monkeypatch):
     """Every array of the layout is there, with its sizes, and `rows` give the displacements of named locations."""
     body = BODIES["moved"]()
@@ -114,7 +201,7 @@ def test_the_arrays_are_those_of_the_body(tmp_path, monkeypatch):
     monkeypatch.setattr(array_files, "FIRST_LINE", FIRST_LINE)
     arrays = array_files.read(reduced.save(tmp_path / "body.txt"), LAYOUT)
     assert list(arrays) == list(LAYOUT) and arrays["size"].tolist() == [5, 2]
-    sizes = {"2": 2, "m": 7, "l": 2, "L": 3, "L+1": 4, "d": 3, "N": len(arrays["nodes"]), "n(n+1)(n+2)(n+3)/24": 330}
+    sizes = {"5": 5, "2": 2, "m": 7, "l": 2, "L": 3, "L+1": 4, "d": 3, "N": len(arrays["nodes"]), "n(n+1)(n+2)(n+3)/24": 330}
     assert {name: array.shape for name, array in arrays.items()} == {
         name: tuple(sizes[size] for size in one.sizes) for name, one in LAYOUT.items()
     }
@@ -164,4 +251,5 @@ def test_the_page_contains_the_whole_layout():
     page = (DOCS / "reference" / "files.md").read_text()
     for name, one in LAYOUT.items():
         assert f"| `{name}` | {' x '.join(one.sizes)} | {one.unit} | {one.what} |" in page, name
-    assert FIRST_LINE in page and "reduced.c" in page
+    lines = len((DOCS / "reduced.c").read_text().splitlines())
+    assert FIRST_LINE in page and f"in {lines} lines of C or" in page

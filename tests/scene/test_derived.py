@@ -1,11 +1,12 @@
 """Scene keys follow the declared parameters of the library, with their types, defaults, limits and units."""
 
+import re
 from dataclasses import dataclass
 from typing import Annotated, Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from skfem_stvk import (
     Corotated,
@@ -31,7 +32,9 @@ from skfem_stvk.materials import Anisotropic, Isotropic, Orthotropic, Transverse
 from skfem_stvk.mesh import box
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.build import Names
+from skfem_stvk.scene.schema import scene_tables
 from skfem_stvk.scene.schema.derived import PARTS, derived
+from skfem_stvk.scene.schema.quantities import bare, input_files, is_input_file, members
 from skfem_stvk.scene.schema.terms import AnyTerm, Time, material_tables, term_tables
 from skfem_stvk.scene.templates import rows_of
 from skfem_stvk.units import DIMENSIONS
@@ -52,6 +55,12 @@ class Glue:
     inner: float = 1.0
 
 
+BLOCK = {
+    "mesh": {"type": "box", "size": [1.0, 1.0, 1.0], "cells": [1, 1, 1]},
+    "materials": {"steel": {"model": "isotropic", "young": 1.0, "poisson": 0.3}},
+    "terms": [{"type": "stvk", "material": "steel"}],
+    "analysis": {"type": "static"},
+}
 GLUE = derived("type", "glue", Glue, AnyTerm)
 
 
@@ -91,14 +100,49 @@ def test_values_outside_the_declaration_are_refused(changed, message):
 
 def test_the_object_of_the_library_has_the_values_of_the_keys():
     made = GLUE.model_validate({"type": "glue", "on": "left", "stiffness": 2.0, "kind": "wet"})
-    data = {
-        "mesh": {"type": "box", "size": [1.0, 1.0, 1.0], "cells": [1, 1, 1]},
-        "materials": {"steel": {"model": "isotropic", "young": 1.0, "poisson": 0.3}},
-        "terms": [{"type": "stvk", "material": "steel"}],
-        "analysis": {"type": "static"},
-    }
-    names = Names(Scene.of_data(data).sections, box((1.0, 1.0, 1.0), (1, 1, 1)))
+    names = Names(Scene.of_data(BLOCK).sections, box((1.0, 1.0, 1.0), (1, 1, 1)))
     assert made.term(names) == Glue("left", 2.0, "wet")
+
+
+@dataclass(frozen=True)
+class Painted:
+    """Toy term that reads a file."""
+
+    file: Annotated[Any, Quantity(None, "File of the paint.")]
+
+
+def test_a_file_of_a_term_is_relative_to_the_scene(tmp_path):
+    table = derived("type", "painted", Painted, AnyTerm).model_validate({"type": "painted", "file": "paint.csv"})
+    solid = box((1.0, 1.0, 1.0), (1, 1, 1))
+    assert list(input_files({"terms": [table]})) == [(("terms", 0, "file"), "paint.csv")]
+    assert table.term(Names(Scene.of_data(BLOCK).sections, solid, tmp_path)) == Painted(tmp_path / "paint.csv")
+
+
+def tables_of(annotation):
+    """Yield all tables within a type."""
+    for _, member in members(annotation):
+        kind, _ = bare(member)
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            yield kind
+            for field in kind.model_fields.values():
+                yield from tables_of(field.annotation)
+        else:
+            for entry in get_args(kind):
+                yield from tables_of(entry)
+
+
+def test_every_key_with_the_path_of_a_file_is_checked_hashed_and_written_or_is_an_output():
+    """A path that `input_files` does not find would be missing in the hash, in the checks and in the resolved scene."""
+    paths = {
+        (table, name): is_input_file(field)
+        for table in tables_of(scene_tables())
+        for name, field in table.model_fields.items()
+        if str in [bare(kind)[0] for _, kind in members(field.annotation)]
+        and re.search(r"\b(files?|folders?|paths?)\b", f"{name} {field.description}", re.IGNORECASE)
+    }
+    read, written = ({(table.__name__, name) for (table, name), one in paths.items() if one is kind} for kind in (True, False))
+    assert read == {("MeshFile", "file"), ("RigidMeshDerived", "file"), ("Initial", "file")}
+    assert written == {("Output", "file"), ("Output", "animation")}
 
 
 def test_every_declared_dimension_is_one_of_units():

@@ -27,11 +27,12 @@ from skfem_stvk import (
 )
 from skfem_stvk.cli.main import main
 from skfem_stvk.errors import AnalysisError
+from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.results.one_writer import OneWriter
-from skfem_stvk.results.vtu import read_vtu
+from skfem_stvk.results.vtu import read_vtu, write_mesh
 from skfem_stvk.scene import Scene
 from skfem_stvk.scene.folder import Folder
-from skfem_stvk.scene.sweep import _solve, _Task
+from skfem_stvk.scene.sweep import _solve, _start_of_each, _Task, planned
 
 BEAM = """
 [mesh]
@@ -466,6 +467,54 @@ def test_a_changed_mesh_file_changes_the_hash_of_the_scene(tmp_path):
     assert Scene.read(path).hash == before
     (tmp_path / "arch.msh").write_bytes((tmp_path / "arch.msh").read_bytes() + b"\n")
     assert Scene.read(path).hash != before
+
+
+PRESSED = """
+mesh = { type = "box", size = [1.0, 1.0, 0.3], cells = [3, 3, 1], origin = [0.0, 0.0, 0.0] }
+materials.m = { model = "isotropic", young = 1e5, poisson = 0.3, density = 1e3 }
+terms = [
+    { type = "stvk", material = "m" },
+    { type = "gravity", g = [0.0, 0.0, -9.81] },
+    { type = "mesh-contact", first = "front", second = { type = "rigid-mesh", file = "die.vtu" }, distance = 0.06 },
+]
+fixed = { left = "xy", right = "xy" }
+analysis = { type = "static", steps = 4 }
+output = { picture = "" }
+"""
+
+
+def write_die(path, z):
+    die = box((0.6, 0.6, 0.25), (2, 2, 1))
+    write_mesh(path, ElementMesh(die.p + np.array([[0.2], [0.2], [z]]), die.surface))
+
+
+def test_a_moved_rigid_mesh_changes_the_hash_and_the_resolved_scene_finds_its_file(tmp_path):
+    path = tmp_path / "pressed.toml"
+    path.write_text(PRESSED)
+    hashes, lifts = [], []
+    for z in (-0.3, -0.28):
+        write_die(tmp_path / "die.vtu", z)
+        outcome = Scene.read(path).solve(tmp_path / "out" / "there", force=True, quiet=True)
+        resolved = Scene.read(tmp_path / "out" / "there" / "resolved.toml")
+        again = resolved.solve(quiet=True)
+        assert outcome.success and again.result.u.tobytes() == outcome.result.u.tobytes()
+        hashes += [Scene.read(path).hash, resolved.hash]
+        lifts.append(outcome.result.u.reshape(-1, 3)[:, 2].mean())
+        copied = Scene.read(tmp_path / "out" / "there" / "resolved.toml").write(tmp_path / "copy.toml")
+        assert (copied.parent / Scene.read(copied).data["terms"][2]["second"]["file"]).resolve() == tmp_path / "die.vtu"
+    assert len(set(hashes)) == 4 and lifts[1] - lifts[0] > 0.01
+
+
+def test_a_run_of_a_sweep_is_repeated_after_its_rigid_mesh_moved(tmp_path):
+    path = tmp_path / "pressed.toml"
+    path.write_text(PRESSED)
+    write_die(tmp_path / "die.vtu", -0.3)
+    runs = planned(path, ["analysis.steps=4"])[1]
+    runs[0].scene.solve(tmp_path / "runs" / runs[0].name, quiet=True)
+    assert _start_of_each(tmp_path / "runs", runs, False) == {runs[0].name: None}
+    write_die(tmp_path / "die.vtu", -0.28)
+    with pytest.raises(StvkError, match="the scene has changed"):
+        _start_of_each(tmp_path / "runs", planned(path, ["analysis.steps=4"])[1], False)
 
 
 LISTED = "<VTKFile><Collection>{}</Collection></VTKFile>".format(

@@ -201,11 +201,14 @@ def test_a_resumed_run_and_a_restored_simulation_have_the_same_bits(tmp_path, fr
         ends.append(sim.u.copy())
         sim.restore(saved)
     assert np.array_equal(*ends)
-    lower = MeshContact(None, RigidMesh(die((0, 0, -1e-3))), distance=DISTANCE, friction=friction, name="die")
-    with pytest.raises(StvkError, match=r"contacts .* changed"):
-        simulate(
-            System(system.mesh, [LAW, lower]), BackwardEuler(dt=1e-3), until=0.015, checkpoint=tmp_path, resume=True, quiet=True
-        )
+    p, t = die()
+    mirrored = p * np.array([[-1], [1], [1]]), t[::-1]  # the coordinates have the same absolute values
+    for other in (die((0, 0, -1e-3)), mirrored):
+        moved = MeshContact(None, RigidMesh(other), distance=DISTANCE, friction=friction, name="die")
+        with pytest.raises(StvkError, match=r"contacts .* changed"):
+            simulate(
+                System(system.mesh, [LAW, moved]), BackwardEuler(dt=1e-3), until=0.015, checkpoint=tmp_path, resume=True, quiet=True
+            )
 
 
 def test_removed_elements_take_their_facets_with_them():

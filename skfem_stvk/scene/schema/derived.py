@@ -16,7 +16,7 @@ from ...terms.friction import Friction
 from ...terms.rigid_mesh import RigidMesh
 from ...terms.rigid_shapes import SHAPES
 from .places import PlaceOrName, Region, Simplices, place_or
-from .quantities import Components, Name, Part, bare, is_union, key
+from .quantities import Components, InputFile, Name, Part, bare, input_files, is_union, key
 
 #: Names of keys, by the names of their parameters that differ.
 KEYS = {"where": "on"}
@@ -26,7 +26,7 @@ SURFACES = "first", "second"
 TYPES: dict[str, Any] = {
     "where": PlaceOrName,
     "first": PlaceOrName,
-    "file": Annotated[str, Field(min_length=1)],
+    "file": InputFile,
     "region": Region,
     "simplices": Simplices,
     "material": Name,
@@ -44,8 +44,12 @@ class Derived(Part):
 
     def made(self, folder: Path = Path()) -> Any:
         """Return the object of the library with the values of the keys. Files are in the `folder`."""
-        values = {name: folder / value if name == "file" else value for name, value in self}
+        values = dict(self) | self._paths(folder)
         return self.library(**{name: value for name, value in values.items() if name not in ("type", "model")})
+
+    def _paths(self, folder: Path) -> dict[str, Path]:
+        """Return the paths of the files in this table by their keys; those of tables in it are not included."""
+        return {str(loc[0]): folder / value for loc, value in input_files(self) if len(loc) == 1}
 
 
 def derived(

@@ -12,7 +12,7 @@ from pydantic import Discriminator, Field, Tag
 from ...mesh import ElementMesh, read_mesh
 from ...mesh.generators import bar, box, cylinder
 from ...mesh.groups import in_dimension
-from .quantities import Components, Part, key
+from .quantities import Components, InputFile, Part, key
 
 #: The key of the number of coordinates, for meshes that may be flat.
 Dimension = Annotated[
@@ -42,7 +42,7 @@ class AnyMesh(Part):
 class MeshFile(AnyMesh):
     """A mesh file with its named groups."""
 
-    file: Annotated[str, key("Path of the mesh file, relative to the scene file.", min_length=1)]
+    file: Annotated[InputFile, key("Path of the mesh file, relative to the scene file.")]
     scale: Annotated[float, key("Factor of the coordinates, as 0.001 for a file in mm in a scene in m.", gt=0)] = 1.0
     dimension: Dimension = None
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, Tag
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, PydanticCustomError
 from pydantic_core.core_schema import no_info_after_validator_function
 
@@ -42,6 +43,12 @@ class OneOf:
         return given
 
 
+class Read:
+    """Metadata of a text: it is the path of a file that the scene reads."""
+
+
+#: Path of a file that the scene reads, relative to the scene file. `input_files` finds all keys of this type.
+InputFile = Annotated[str, Field(min_length=1), Read()]
 #: One to three components.
 Components = Annotated[list[float], Field(min_length=1, max_length=3)]
 #: Name that distinguishes outputs.
@@ -89,3 +96,30 @@ def literals(annotation: Any, metadata: Iterable[Any] = ()) -> list[Any]:
     if is_union(annotation):
         return [value for one in get_args(annotation) for value in literals(one)]
     return list(get_args(annotation)) if get_origin(annotation) is Literal else []
+
+
+# files of a scene
+
+
+def input_files(table: Any, loc: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Yield key path and value of each file that a table reads, and the tables in it. The scene checks, hashes and writes these.
+
+    Parameters
+    ----------
+    table
+        A table, or lists and dictionaries of tables.
+    loc
+        Key path of the table.
+    """
+    if isinstance(table, list | dict | Part):
+        for name, value in enumerate(table) if isinstance(table, list) else dict(table).items():
+            if isinstance(value, str) and isinstance(table, Part) and is_input_file(type(table).model_fields[name]):
+                yield (*loc, name), value
+            else:
+                yield from input_files(value, (*loc, name))
+
+
+def is_input_file(key: FieldInfo) -> bool:
+    """Return whether the value of a key is the path of a file that the scene reads."""
+    metadata = [*key.metadata, *(one for _, kind in members(key.annotation) for one in bare(kind)[1])]
+    return any(isinstance(one, Read) for one in metadata)

@@ -16,7 +16,7 @@ from .analyses import ReducedBasis, Solver, analyses
 from .derived import one_of
 from .mesh import Mesh
 from .places import Place, PlaceOrName
-from .quantities import Components, Name, Part, key
+from .quantities import Components, InputFile, Name, Part, key
 from .terms import Time, material_tables, term_tables
 
 
@@ -35,7 +35,7 @@ class Initial(Part):
     """The first state of a motion, of a path, or the state that modes are about; by default rest."""
 
     file: Annotated[
-        str | None, key("Result file (.vtu, .pvd) with the first displacements and velocities, relative to the scene.")
+        InputFile | None, key("Result file (.vtu, .pvd) with the first displacements and velocities, relative to the scene.")
     ] = None
     at: Annotated[float | None, key("Which state of a .pvd file, by its time or load factor; by default the last.", "time")] = None
     velocity: Annotated[Components | None, key("Velocity of all nodes, instead of those of the file.", "velocity")] = None

@@ -113,7 +113,7 @@ class AnyTerm(Derived):
             given_by(self.library): lambda value: in_time(value, getattr(self, "time", None)),
         }
         given = {}
-        for one, value in self:
+        for one, value in (dict(self) | self._paths(known.folder)).items():
             name = NAMES.get(one, one)
             if one not in ("type", "time") and (value is not None or name in needed(self.library)):
                 if isinstance(value, Derived):
