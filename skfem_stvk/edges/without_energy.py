@@ -65,20 +65,21 @@ class VertexWarping(WithoutEnergy):
         self._g = np.zeros((len(key), d))
         indices = order[np.searchsorted(key[order], (first * m + second).ravel())]
         np.add.at(self._g, indices, shares.reshape(-1, d))
-        self._X = p.T[self.nodes]
+        X = p.T[self.nodes]
+        self._edges = X[self._column] - X[self._row]
 
     def _now(self, u: Array) -> tuple[Array, Array, Array, Array, Array]:
-        """Return positions (m, d), rotations and `S` (m, 3, 3), forces (m, d) and the rotated blocks (pairs, d, d)."""
-        x, d, row, column = self._X + u[self.nodes], self._X.shape[1], self._row, self._column
-        F = np.zeros((len(x), 3, 3)) + np.diag([0.0] * d + [1.0] * (3 - d))
-        np.add.at(F[:, :d, :d], row, (x[column] - x[row])[:, :, None] * self._g[:, None, :])
+        """Return edges (pairs, d), rotations and `S` (m, 3, 3), forces (m, d) and the rotated blocks (pairs, d, d)."""
+        u, row, column = u[self.nodes], self._row, self._column
+        x, d = self._edges + (u[column] - u[row]), u.shape[1]
+        F = np.zeros((len(u), 3, 3)) + np.diag([0.0] * d + [1.0] * (3 - d))
+        np.add.at(F[:, :d, :d], row, x[:, :, None] * self._g[:, None, :])
         U, s, V = _signed_svd(F)
         R, S = U @ V, np.swapaxes(V, 1, 2) @ (s[..., None] * V)
         T = R[row, :d, :d]
         K = T @ self._K @ np.swapaxes(T, 1, 2)
-        pull = np.einsum("nij,nj->ni", K, x[column] - x[row])
-        pull -= np.einsum("nij,njk,nk->ni", T, self._K, self._X[column] - self._X[row])
-        force = np.zeros_like(x)
+        pull = np.einsum("nij,nj->ni", K, x) - np.einsum("nij,njk,nk->ni", T, self._K, self._edges)
+        force = np.zeros_like(u)
         np.add.at(force, row, pull)
         return x, R, S, force, K
 
@@ -91,19 +92,19 @@ class VertexWarping(WithoutEnergy):
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N], positions included."""
         x, _, _, _, K = self._now(u)
-        ends = np.abs(u[self.nodes])[self._column] + np.abs(u[self.nodes])[self._row] + np.abs(x[self._column] - x[self._row])
+        ends = np.abs(u[self.nodes])[self._column] + np.abs(u[self.nodes])[self._row] + np.abs(x)
         np.add.at(out, self.nodes[self._row], 2 * np.einsum("nij,nj->ni", np.abs(K), ends))
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
         """Add the blocks of the derivative of the force [N/m] at `u` (nv, d)."""
         x, R, S, force, K = self._now(u)
-        d, row, column = x.shape[1], self._row, self._column
+        d, row = x.shape[1], self._row
         assert blocks.reverse is not None and blocks.own is not None
         if kept == ALL:
-            dF_dw = np.zeros((len(x), 3, 3))  # dF_a/dw_a = -[F_a] + sum_b R_a K_ab R_a' [x_b - x_a]
+            dF_dw = np.zeros((len(force), 3, 3))  # dF_a/dw_a = -[F_a] + sum_b R_a K_ab R_a' [x_b - x_a]
             padded = np.zeros((len(K), 3, 3))
             padded[:, :d, :d] = K
-            np.add.at(dF_dw, row, padded @ _cross(_in_space(x[column] - x[row])))
+            np.add.at(dF_dw, row, padded @ _cross(_in_space(x)))
             dF_dw -= _cross(_in_space(force))
             # w_a = R (tr S - S)^-1 R' (R g_ab x dx_b)
             both = np.trace(S, axis1=1, axis2=2)[:, None, None] * np.eye(3) - S  # its eigenvalues are s_i + s_j
@@ -118,7 +119,7 @@ class VertexWarping(WithoutEnergy):
 
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part."""
-        own = sum(x.nbytes for x in (self._K, self._g, self._row, self._column, self._X))
+        own = sum(x.nbytes for x in (self._K, self._g, self._row, self._column, self._edges))
         return self._of.memory() | {"rotated blocks": own}
 
 
@@ -149,10 +150,11 @@ class StressExtension(WithoutEnergy):
     def __init__(self, mesh: ElementMesh, t: NDArray[np.int32], lame: tuple[Array, Array], threshold: float, of: Assembly) -> None:
         super().__init__(of)
         points = gradients_at_points(mesh, t, of.quadrature)
-        self._t, self._X, self._a = t, mesh.p.T, threshold
+        self._t, self._a = t, threshold
         self._g, sizes = np.stack([g for g, _ in points]), np.stack([size for _, size in points])  # (q, nt, n, d), (q, nt)
         self._lam, self._mu = lame[0] * sizes, lame[1] * sizes
-        n = len(mesh.p.T)
+        X, n = mesh.p.T[t], mesh.nv
+        self._arms = X - X[0]
         ends = np.array([(a, b) for a in range(len(t)) for b in range(len(t)) if a != b])
         first, second = t[ends.T].astype(np.int64)
         key = self.nodes_paired[0].astype(np.int64) * n + self.nodes_paired[1]
@@ -161,8 +163,9 @@ class StressExtension(WithoutEnergy):
 
     def _now(self, u: Array) -> tuple[Array, ...]:
         """Return `U`, `V`, `s`, `c`, `E`, whether stretches lie above the threshold, and `p`: (q, nt, d) at each point."""
-        x = (self._X + u)[self._t]
-        U, s, Vt = _signed_svd(np.einsum("anx,qnad->qnxd", x, self._g))
+        corners = u[self._t]
+        H = np.einsum("anx,qnad->qnxd", corners - corners[0], self._g)
+        U, s, Vt = _signed_svd(np.eye(u.shape[1]) + H)
         V = np.swapaxes(Vt, 2, 3)
         c = np.maximum(s, self._a)
         E = (c**2 - 1) / 2
@@ -178,8 +181,27 @@ class StressExtension(WithoutEnergy):
             np.add.at(force, self._t, pulled)
         return 0.0
 
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N].
+
+        Stretches have errors of several eps even at rest. The force of these is that of errors of eps in the positions.
+        """
+        self.energy_and_force(u, force := np.zeros(u.shape))
+        corners = u[self._t]
+        reach = np.abs(corners) + np.abs(self._arms + (corners - corners[0]))
+        np.add.at(out, self._t, 3 * np.einsum("abnxy,bny->anx", np.abs(self._blocks(u)), reach))
+        out += np.abs(force)
+
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
         """Add the blocks of the derivative of the force [N/m] at `u` (nv, d)."""
+        K = self._blocks(u)
+        assert blocks.reverse is not None
+        for (a, b), index, transposed in zip(self._ends, self._index, self._transposed, strict=True):
+            np.add.at(blocks.pairs, index[~transposed], K[a, b][~transposed])
+            np.add.at(blocks.reverse, index[transposed], K[a, b][transposed])
+
+    def _blocks(self, u: Array) -> Array:
+        """Return the derivatives of the forces on nodes of the elements (n, n, nt, d, d)."""
         U, V, s, c, E, free, p = self._now(u)
         d, lam, mu = s.shape[-1], self._lam[..., None], self._mu[..., None]
         slope, k = lam * E.sum(axis=-1, keepdims=True), lam + 2 * mu
@@ -200,15 +222,12 @@ class StressExtension(WithoutEnergy):
                         T[..., a, b, a, b] += (flip + twist) / 2
                         T[..., a, b, b, a] += (flip - twist) / 2
         w = np.einsum("qnad,qndi->qnai", self._g, V)  # gradients in the axes of the stretches
-        K = np.einsum("qnxi,qnaj,qnijkl,qnbl,qnyk->abnxy", U, w, T, w, U, optimize=True)
-        assert blocks.reverse is not None
-        for (a, b), index, transposed in zip(self._ends, self._index, self._transposed, strict=True):
-            np.add.at(blocks.pairs, index[~transposed], K[a, b][~transposed])
-            np.add.at(blocks.reverse, index[transposed], K[a, b][transposed])
+        K: Array = np.einsum("qnxi,qnaj,qnijkl,qnbl,qnyk->abnxy", U, w, T, w, U, optimize=True)
+        return K
 
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part."""
-        own = sum(x.nbytes for x in (self._g, self._lam, self._mu, self._index, self._transposed))
+        own = sum(x.nbytes for x in (self._g, self._arms, self._lam, self._mu, self._index, self._transposed))
         return self._of.memory() | {"gradients at points": own}
 
 
@@ -216,9 +235,9 @@ def gradients_at_points(mesh: ElementMesh, t: NDArray[np.int32], quadrature: Qua
     """Return gradients of the shape functions (nt, n, d), and sizes (nt,) with the weight, at each point. The elements fill their
     space.
     """
-    found, rule = [], quadrature.rule
+    found, rule, corners = [], quadrature.rule, mesh.p[:, t]
     for dN, weight in zip(mesh.element.derivatives(rule.points), rule.weights, strict=True):
-        base_vectors = np.einsum("ai,dan->ndi", dN, mesh.p[:, t])
+        base_vectors = np.einsum("ai,dan->ndi", dN, corners - corners[:, :1])
         found.append((dN @ np.linalg.inv(base_vectors), weight * np.abs(np.linalg.det(base_vectors))))
     return found
 

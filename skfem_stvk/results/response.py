@@ -17,6 +17,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry, PointGeometry, geometries
 from ..mesh.points import sizes_of
 from ..terms import Body, Deformation, HasPressure, HasResponse, HasStress, is_load
+from ..terms.at_points import green_strain_of
 from ..terms.protocols import has_stress
 from .law import dilation, rest_frames, strain_and_stress, volume_stress
 
@@ -27,7 +28,8 @@ Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
 @dataclass(frozen=True)
 class ElasticPart:
     """Law of a term on its elements, with their sections (thickness, area or 1). `law` is set if it is not St. Venant-Kirchhoff's.
-    Flags say whether it is linear, `S = C : eps` of the small strain, and whether its stress and energy density are known.
+    Flags say whether it is linear, `S = C : eps` of the small strain, whether it wrinkles, and whether its stress and energy
+    density are known.
     """
 
     elements: NDArray[np.int64]
@@ -36,6 +38,7 @@ class ElasticPart:
     section: Array
     law: HasResponse | None
     linear: bool
+    wrinkling: bool
     known: bool
 
 
@@ -96,8 +99,8 @@ class ElasticBody:
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
         # StVK has a response with wrinkling
         law = term if isinstance(term, HasResponse) and term.response is not None else None
-        linear = bool(getattr(term, "small_strain", False))
-        return ElasticPart(elements, term.material, hypothesis, section, law, linear, has_stress(term))
+        linear, wrinkling = bool(getattr(term, "small_strain", False)), bool(getattr(term, "wrinkling", False))
+        return ElasticPart(elements, term.material, hypothesis, section, law, linear, wrinkling, has_stress(term))
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
         """Return a penalty on its elements; elements without another term are in plane strain."""
@@ -116,6 +119,11 @@ class ElasticBody:
         for penalty in self.volume_parts:
             others[penalty.elements] = True
         return linear & ~others
+
+    @cached_property
+    def wrinkling(self) -> NDArray[np.int64]:
+        """Ascending ids of the elements that may wrinkle: their volume does not depend on folds."""
+        return np.unique(np.concatenate([np.empty(0, np.int64), *(part.elements for part in self.parts if part.wrinkling)]))
 
     @cached_property
     def points(self) -> list[ElementPoint]:
@@ -179,6 +187,11 @@ class Response:
         return self._response[0]
 
     @property
+    def natural_strain(self) -> Array:
+        """The strain (nt, 3, 3) without the folds of elements that wrinkle."""
+        return self._response[4]
+
+    @property
     def stress(self) -> Array:
         """Second Piola-Kirchhoff stress (nt, 3, 3) in the elements' frames [Pa]."""
         return self._response[1]
@@ -194,24 +207,24 @@ class Response:
         return self._response[3]
 
     @cached_property
-    def _response(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-        """Strain, stress and energy density, summed over the terms by their sections; and a mask of infinite stress, which is set
-        to 0.
+    def _response(self) -> tuple[Array, Array, Array, NDArray[np.bool_], Array]:
+        """Strain, stress and energy density, summed over the terms by their sections; a mask of infinite stress, which is set to
+        0; and the natural strain.
         """
         with np.errstate(over="ignore", invalid="ignore"):
-            strain, stress, density, shrunk = self._summed_over_terms()
+            strain, stress, density, shrunk, natural = self._summed_over_terms()
         if not np.isfinite(stress).all() or not np.isfinite(density).all():
             largest = np.abs(self.u).max()
             raise StateError(f"Stresses overflow at displacements of up to {largest:.1e}: the previous step may have diverged.")
-        return strain, stress, density, shrunk
+        return strain, stress, density, shrunk, natural
 
-    def _summed_over_terms(self) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+    def _summed_over_terms(self) -> tuple[Array, Array, Array, NDArray[np.bool_], Array]:
         fields, k = self.fields, self.fields.mesh.k
         axes, frames = self.point.geometry.axes, self.point.frames
         along = np.swapaxes(axes, 1, 2) @ self.gradient
         small = (along + np.swapaxes(along, 1, 2)) / 2  # (A'H + H'A)/2 in the axes A: the strain of linear elasticity
         within = small + np.swapaxes(self.gradient, 1, 2) @ self.gradient / 2  # Green-Lagrange's, without cancellation
-        strain, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
+        natural, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
         shrunk = np.zeros(len(within), dtype=bool)
         for part in (part for part in fields.parts if part.known):
             ids = part.elements
@@ -219,15 +232,18 @@ class Response:
                 small_or_green = small if part.linear else within
                 E, S = strain_and_stress(part.material, part.hypothesis, small_or_green[ids], frames[ids])
                 W = (S * E).sum(axis=(1, 2)) / 2
+                if part.linear:
+                    E[:, :k, :k], E[:, k:, k:] = within[ids], green_strain_of(E[:, k:, k:])
             else:
                 present = ~fields.removed[ids, None, None]  # removed elements may be anywhere
                 deformed = axes[ids], present * self.gradient[ids], present * within[ids]
                 E, S, W, lost = part.law.response(Deformation(ids, part.hypothesis, *deformed))
                 shrunk[ids] |= lost
             share = part.section / fields.section[ids]
-            strain[ids] += (part.section / fields.total_section[ids])[:, None, None] * E
+            natural[ids] += (part.section / fields.total_section[ids])[:, None, None] * E
             stress[ids] += share[:, None, None] * S
             density[ids] += share * W
+        strain = natural.copy()
         strain[:, :k, :k] = within
         for penalty in fields.volume_parts:
             ids, gradient = penalty.elements, self.gradient[penalty.elements]
@@ -237,7 +253,7 @@ class Response:
             density[ids] += penalty.stiffness * psi
             shrunk[ids] |= lost
         stress[shrunk] = 0
-        return strain, stress, density, shrunk
+        return strain, stress, density, shrunk, natural
 
     def globally(self, tensor: Array) -> Array:
         """Return a tensor (nt, 3, 3) from the elements' frames in global axes."""

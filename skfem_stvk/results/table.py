@@ -85,10 +85,15 @@ def _solve(M: Array, right: Array) -> tuple[Array, NDArray[np.bool_]]:
 def volume_ratio(state: Response) -> Masked:
     """Return the volume ratio `J = det F` (nt,), negative for inverted elements; the order of vertices does not matter.
 
-    For membranes and cables in space the ratio is positive.
+    For membranes and cables in space the ratio is positive. In elements that wrinkle it is that of the material without its folds:
+    a wrinkled one has its natural width, a slack one its volume at rest.
     """
     F, missing = state.value(deformation_gradient)
-    return np.linalg.det(F), missing
+    J, mesh = np.linalg.det(F), state.fields.mesh
+    if len(ids := state.fields.wrinkling):
+        natural = np.sqrt(np.maximum(np.linalg.det(np.eye(3) + 2 * state.natural_strain[ids]), 0.0))
+        J[ids] = np.where((J[ids] < 0) & (mesh.k == mesh.d), -natural, natural)
+    return J, missing
 
 
 def principal_stretches(state: Response) -> Masked:

@@ -28,11 +28,11 @@ def stress_and_density(stiffness: LawInFrames, at: Deformation) -> tuple[Array, 
     return S, W
 
 
-def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[..., Any]) -> PointResponse:
+def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[..., Any], *, green: bool = False) -> PointResponse:
     """Return the response of a law of principal stretches: `S = V diag(p/s) V'`, infinite where a stretch vanishes.
 
-    `kind` makes the law from its numbers and `flat`. In plane stress, the strain across the elements is that of linear elasticity
-    of the `material` in their frame.
+    `kind` makes the law from its numbers and `flat`. In plane stress, the strain across the elements is that of Hooke's law of the
+    `material` between elongations or, if `green`, between Green-Lagrange strains.
     """
     n, d, k = at.gradient.shape
     lam, mu = (np.broadcast_to(value, n) for value in material.lame(at.hypothesis))
@@ -48,8 +48,9 @@ def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[.
     pull = np.where(infinite[:, None], 0, p / np.where(none, 1, 1 + e))
     strain = embedded(at.strain)
     if at.hypothesis.condensed:
-        narrower = material.strain_across((k * lam + 2 * mu) * e.sum(axis=1))
-        strain[:, range(k, 3), range(k, 3)] = (narrower * (1 + narrower / 2))[:, None]
+        within = np.trace(at.strain, axis1=1, axis2=2) if green else e.sum(axis=1)
+        across = material.strain_across((k * lam + 2 * mu) * within)[:, None, None] * np.eye(3 - k)
+        strain[:, k:, k:] = across if green else green_strain_of(across)
     return PointResponse(strain, (V * pull[:, None]) @ np.swapaxes(V, 1, 2), W, infinite)
 
 
@@ -58,6 +59,13 @@ def embedded(tensor: Array) -> Array:
     solid = np.zeros((len(tensor), 3, 3))
     solid[:, : tensor.shape[1], : tensor.shape[2]] = tensor
     return solid
+
+
+def green_strain_of(e: Array) -> Array:
+    """Return the Green-Lagrange strains `e + e e/2` of elongations `U - I` (n, m, m); -1/2 where no positive stretch is left."""
+    values, axes = np.linalg.eigh(e)
+    values = np.maximum(values, -1.0)
+    return np.asarray((axes * (values * (1 + values / 2))[:, None]) @ np.swapaxes(axes, 1, 2))
 
 
 def _at_points(stiffness: LawInFrames, k: int, n: int) -> Any:

@@ -64,6 +64,8 @@ class InvertibleStVK(ElasticLaw):
     is left out of K at such states. Near them K is exact, and the estimate of rounding errors can exceed all forces; solves omit
     these entries of it.
 
+    In plane stress and in cables, results have the thickness of `StVK`; below the threshold that is a convention.
+
     `EnergyMomentum` uses the force at the middle of the step, which conserves momenta, and energy to O(dt^2). A discrete gradient
     would need the second Piola-Kirchhoff stress, which is infinite in flat elements. With `extend="stress"` the forces equal
     those of stresses on area vectors (Teran et al. 2003).
@@ -152,4 +154,4 @@ class InvertibleStVK(ElasticLaw):
         if not self.has_stress:
             raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)
-        return response_of_stretches(at, self.material, partial(InvertibleLaw, threshold=self.threshold))
+        return response_of_stretches(at, self.material, partial(InvertibleLaw, threshold=self.threshold), green=True)

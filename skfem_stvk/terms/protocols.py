@@ -417,7 +417,7 @@ class PointResponse(NamedTuple):
     Attributes
     ----------
     strain
-        (n, 3, 3) Green-Lagrange strain, including the strain across.
+        (n, 3, 3) Green-Lagrange strain of the material, including the strain across; without folds if it wrinkles.
     stress
         (n, 3, 3) second Piola-Kirchhoff stress [Pa]; 0 where it is infinite.
     density

