@@ -29,6 +29,11 @@ OURS, EDGES, REFERENCE, CANDIDATE = "skfem-stvk", "edges and TSEPs", "scikit-fem
 STRETCH = "100 % stretch"
 #: States in which elements may be inverted.
 INVERTED = ("large random", "reflected random")
+#: Distances of the two nearby states: of all entries, each relative to itself, and of one node, relative to the largest entry.
+NEARBY, NEAREST = 1e-6, 2e-11
+#: Functions of u by which a cache may be keyed, and number of changes that are tried until all of them have the same values.
+KEYS: tuple[Callable[[Array], Any], ...] = (np.linalg.norm, np.sum, np.max, np.min, np.array_str)
+MOST_TRIED = 60
 
 
 def built(mesh: ElementMesh, terms: Sequence[StVK], discretisation: Discretisation) -> System:
@@ -125,6 +130,11 @@ class Case:
         return self.shape.differences(self.mesh.p)
 
     @cached_property
+    def nearby(self) -> list[Array]:
+        """The two states near the stretched one that a cache may confuse with it."""
+        return nearby_states(self.states[STRETCH], self.mesh.d)
+
+    @cached_property
     def median_edge(self) -> float:
         """Median distance between two nodes of an element [m]."""
         return float(np.median(np.linalg.norm(self.edges, axis=0)))
@@ -195,6 +205,30 @@ class Case:
     def direction(self, u: Array, rng: np.random.Generator) -> Array:
         """Return a random direction (ndofs,) scaled to the strain of the state."""
         return (self.amplitude(u) * self.node_size[:, None] * rng.standard_normal((self.mesh.nv, self.mesh.d))).ravel()
+
+
+def nearby_states(u: Array, d: int) -> list[Array]:
+    """Return two states near `u` (ndofs,) that a cache may confuse with `u`.
+
+    The first one is `u` times 1.000001. The second one differs at a node in the middle of the list, in the plane at two nodes, on a
+    line at three, by at least `NEAREST` times the largest entry. All `KEYS` have the same values as at `u`, or as many as possible.
+    """
+    count, unit = min(-(-3 // d), len(u) // d), 2 * np.spacing(np.abs(u).sum())  # sums of multiples of `unit` are exact
+    starts, keys = np.arange(len(u) // d - count + 1), [key(u) for key in KEYS]
+    outwards = starts[np.argsort(np.abs(starts - len(starts) // 2), kind="stable")]
+    most, found = -1, u
+    for number, start in enumerate(np.resize(outwards, MOST_TRIED)):
+        entries, changed = slice(d * start, d * (start + count)), u.copy()
+        along = np.linalg.svd(np.stack([np.ones(d * count), u[entries]]))[2][-1]  # no change of the sum and the norm
+        steps = np.round(max(NEAREST * np.abs(u).max() / unit, 8.0) * (1 + number / MOST_TRIED) * along)
+        steps[-1] -= steps.sum()
+        changed[entries] += unit * steps
+        same = sum(key(changed) == before for key, before in zip(KEYS, keys, strict=True))
+        if same > most:
+            most, found = same, changed
+        if most == len(KEYS):
+            break
+    return [(1 + NEARBY) * u, found]
 
 
 def random_rotation(d: int, rng: np.random.Generator, degrees: float = 170.0) -> Array:

@@ -17,7 +17,7 @@ from .case import STRETCH, Case
 from .implementations import ContractViolation, Implementation
 
 #: States in which hypotheses are compared with the candidate. All have large strains; the last one has inverted elements.
-STATES = ("rotated strained", STRETCH, "35 % compression", "large random")
+STATES = ("rotated strained", "translated strained", STRETCH, "35 % compression", "large random")
 #: Residuals below VANISHES count as zero. Errors of single precision lie between VANISHES and COARSE.
 VANISHES, COARSE = 1e-8, 1e-4
 Values = dict[str, Any]
@@ -44,9 +44,9 @@ class Evidence:
         self.not_finite: dict[str, list[str]] = {}
         self._by_products = False
         available = [quantity for quantity in "WFK" if implementation.has(quantity)]
-        states = [*STATES, *(state for state in case.states if state not in STATES)]
+        states = sorted(case.states, key=lambda state: state not in STATES)
         answers = {state: self._answers(available, case.states[state]) for state in states}
-        self.quantities = [quantity for quantity in available if any(quantity in answers[state] for state in STATES)]
+        self.quantities = [quantity for quantity in available if any(quantity in answers[s] for s in states if s in STATES)]
         for state, values in answers.items():
             if len(values) < max(len(self.quantities), 1):
                 continue

@@ -238,7 +238,24 @@ FAULTS: dict[str, Fault] = {
     ),
     "stale K": Fault("K of the previous call's state", systems.StaleTangent, named="K of the state before"),
     "K cached nearby": Fault(
-        "K is cached while u is nearly the same", systems.CachedTangent, named="K cached while u is nearly the same"
+        "K is cached while u is nearly the same",
+        partial(systems.cached, ["tangent"], np.allclose),
+        named="K cached while u is nearly the same",
+    ),
+    "K cached by norm": Fault(
+        "K is cached while the norm of u is the same",
+        partial(systems.cached, ["tangent"], lambda u, v: np.linalg.norm(u) == np.linalg.norm(v)),
+        named="K cached while u is nearly the same",
+    ),
+    "F cached by ends": Fault(
+        "F is cached while the first and last entries of u are the same",
+        partial(systems.cached, ["internal_force"], systems.same_ends),
+        named="F cached while u is nearly the same",
+    ),
+    "F and K cached by text": Fault(
+        "F and K are cached while u is printed alike",
+        partial(systems.cached, ["internal_force", "tangent"], lambda u, v: str(u) == str(v)),
+        named="F, K cached while u is nearly the same",
     ),
     "stale rest shape": Fault("the mesh before its nodes were moved", systems.stale_rest_shape),
     "single precision": Fault(

@@ -33,7 +33,8 @@ from .moduli import lame_factors
 FITTED = (
     "lambda doubled", "lambda halved", "lambda of plane stress", "bulk modulus for lambda", "mu halved", "mu doubled",
     "lambda and mu exchanged", "lambda and mu by region", "W, F, K x 4", "F, K x 2", "W, F, K x 2", "K x -1", "F, K x -1",
-    "one element x 0", "one element x 2", "K of the state before", "K cached while u is nearly the same", "single precision",
+    "one element x 0", "one element x 2", "K of the state before", "K cached while u is nearly the same",
+    "F cached while u is nearly the same", "F, K cached while u is nearly the same", "single precision",
     "not a number at inversion", "a constant force", "a constant energy", "force of one node x -1",
     "results component by component", "no initial stress in some elements", "nodes in another order",
     "shears in the order 12, 13, 23",

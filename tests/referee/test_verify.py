@@ -18,7 +18,7 @@ from skfem_stvk import (
     embedded_mesh,
     verify,
 )
-from skfem_stvk.referee.case import EDGES
+from skfem_stvk.referee.case import EDGES, nearby_states
 from skfem_stvk.referee.checks.homogeneous import CLOSED_FORMS
 from skfem_stvk.referee.results import CheckOutcome
 
@@ -286,3 +286,68 @@ def test_every_entry_of_the_nominal_stress_is_compared(i, j, monkeypatch):
     assert [(r.check, r.quantity, r.state) for r in verify(box(2), TERM, **QUIET).failures()] == [
         ("closed forms", "P", "simple shear")
     ]
+
+
+class Cached:
+    """Body that returns its last F or K again as long as `key(u)` is the same."""
+
+    def __init__(self, system, key, methods):
+        self.key, self.last = key, {}
+        for name in ("energy", "internal_force", "tangent"):
+            call = getattr(system, name)
+            setattr(self, name, self.cached(name, call) if name in methods else call)
+
+    def cached(self, name, call):
+        def value(u):
+            if name not in self.last or self.last[name][0] != self.key(u):
+                self.last[name] = self.key(u), call(u)
+            return self.last[name][1]
+
+        return value
+
+
+#: Keys of a cache that two nearby states may share.
+KEYS = {
+    "text": str,
+    "first entries": lambda u: tuple(u[:3]),
+    "last entries": lambda u: tuple(u[-3:]),
+    "norm": np.linalg.norm,
+    "sum": np.sum,
+    "largest entry": np.max,
+}
+BOXES = {
+    "segments": skfem.MeshLine(np.linspace(0, 1, 13) ** 1.3),
+    "triangles": skfem.MeshTri.init_tensor(np.linspace(0, 1, 5), np.linspace(0, 2, 7) ** 0.8),
+    "tetrahedra": skfem.MeshTet.init_tensor(np.linspace(0, 2, 10), *[np.linspace(0, 1, 6)] * 2),
+}
+
+
+@pytest.mark.parametrize("methods", [("internal_force", "tangent"), ("internal_force",), ("tangent",)], ids=["F and K", "F", "K"])
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("mesh", BOXES)
+def test_a_stale_cache_of_a_nearby_state_fails_and_is_named(mesh, key, methods):
+    """Caches of F or K by the text of u, some of its entries, its norm, its sum or its largest entry fail, and are named."""
+    system, names = System(BOXES[mesh], TERM), {"internal_force": "F", "tangent": "K"}
+    report = verify(BOXES[mesh], TERM, candidate=Cached(system, KEYS[key], methods), **QUIET)
+    stale = {("memory", names[method]) for method in methods}
+    assert stale <= {(r.check, r.quantity) for r in report.failures("candidate")}, str(report)
+    assert report.named.names == [f"{', '.join(map(names.get, methods))} cached while u is nearly the same"]
+
+
+@pytest.mark.parametrize("mesh", BOXES)
+def test_a_cache_of_the_whole_state_passes(mesh):
+    system = System(BOXES[mesh], TERM)
+    methods = ("energy", "internal_force", "tangent")
+    assert verify(BOXES[mesh], TERM, candidate=Cached(system, np.ndarray.tobytes, methods), **QUIET).passed
+
+
+@pytest.mark.parametrize("mesh", BOXES)
+def test_a_nearby_state_has_the_sum_the_norm_and_the_text_of_the_first(mesh):
+    mesh = ElementMesh.of(BOXES[mesh])
+    u = 0.3 * np.random.default_rng(3).standard_normal(mesh.p.size)
+    near, nearest = nearby_states(u, mesh.d)
+    assert np.allclose(near, u, rtol=2e-6, atol=0) and (near != u).all()
+    changed = np.flatnonzero(nearest != u)
+    assert len(changed) <= {1: 3, 2: 4, 3: 3}[mesh.d] and changed.min() >= 3 and changed.max() < len(u) - 3
+    assert 0 < np.abs(nearest - u).max() <= 1e-9 * np.linalg.norm(u)
+    assert all(key(nearest) == key(u) for key in (np.linalg.norm, np.sum, str))
