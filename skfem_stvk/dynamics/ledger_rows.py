@@ -206,7 +206,7 @@ class LedgerWriter:
         self._first = float(known_total(ledger)[0]) if ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
         self._has_work = motion.moving or motion.damped or motion.driven or bool(motion.system.working_contacts)
-        self._t, self._u = 0.0, np.zeros(motion.states.n)
+        self._t, self._u, self._v = 0.0, np.zeros(motion.states.n), np.zeros(motion.states.n)
         self._driving_force: Array = np.zeros(motion.states.n)
 
     def begin(self, state: MotionState) -> None:
@@ -224,6 +224,7 @@ class LedgerWriter:
         if self._has_work:
             self._t = state.t
             np.copyto(self._u, state.u)
+            np.copyto(self._v, state.v)
             self._driving_force = self.motion.driving_force(state.u, state.t)
 
     def add_work(self, state: MotionState) -> None:
@@ -233,6 +234,11 @@ class LedgerWriter:
         motion, before, since = self.motion, self._driving_force, self._t
         self.dissipated += motion.dissipated(self._u, state.u, state.t - since)
         change = state.u - self._u
+        if motion.moving:  # prescribed degrees of freedom do not move with the mean of their velocities
+            fixed = motion.free.fixed
+            impulse, apart = motion.mass.multiply(state.v - self._v), (state.v + self._v) / 2 - change / (state.t - since)
+            dot_fixed = motion.states.on(fixed).dot
+            self.external += dot_fixed(state.reaction[fixed], change[fixed]) + dot_fixed(impulse[fixed], apart[fixed])
         for term in motion.system.working_contacts:
             u0, u1 = (by_vertex(motion.system.mesh, u) for u in (self._u, state.u))
             work, lost = term.work(u0, u1)
@@ -240,9 +246,6 @@ class LedgerWriter:
         self._begin(state)
         dot = motion.states.dot
         self.external += (dot(before, change) + dot(self._driving_force, change)) / 2
-        if motion.moving:
-            fixed = motion.free.fixed
-            self.external += motion.states.on(fixed).dot(state.reaction[fixed], change[fixed])
 
     def append_row(self, state: MotionState, strain_energy: float) -> None:
         """Append a row for this state. Copy the number of inverted elements from the previous row; see `count_inside_out`.

@@ -26,8 +26,8 @@ from .record import MotionState
 
 #: Smallest length of a step for differences, as a part of the previous step.
 SHORT = 0.3
-#: Part of a time step over which prescribed displacements are differenced at the start.
-DIFFERENCE = 1e-3
+#: Part of a time step over which prescribed displacements are differenced.
+DIFFERENCE = 1e-2
 
 
 class Motion:
@@ -165,15 +165,20 @@ class Motion:
         return self._prescribed_values(0.0)
 
     def constrained_velocities(self, t: float, dt: float) -> Array:
-        """Return the velocities of the constrained degrees of freedom [m/s], by forward differences."""
+        """Return the velocities of the constrained degrees of freedom [m/s], by differences between `t` and `t + dt`.
+
+        At the start of a run `dt` is the first step. At the end of a step it is minus that step, so that a kink there belongs to
+        the next step. Inputs move evenly over a step.
+        """
         if not self.moving:
             return np.zeros(len(self.free.fixed))
-        h = DIFFERENCE * dt
-        velocities: Array = (
-            4 * self.constrained_displacements(t + h)
-            - self.constrained_displacements(t + 2 * h)
-            - 3 * self.constrained_displacements(t)
-        ) / (2 * h)
+        times = t, t + DIFFERENCE * dt, t + 2 * DIFFERENCE * dt
+        here, near, far = map(self.constrained_displacements, times)
+        a, b = times[1] - t, times[2] - t  # with the rounding of times
+        velocities: Array = ((near - here) * (b / a) - (far - here) * (a / b)) / (b - a)
+        if self.inputs is not None:
+            moved = self.inputs.moved
+            velocities[moved] = (self.inputs.displacements(t + dt) - here[moved]) / dt
         return velocities
 
     @cached_property
