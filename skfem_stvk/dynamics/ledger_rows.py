@@ -19,7 +19,7 @@ from ..system import System
 from ..system.coordinates import Coordinates
 from ..terms.protocols import CanPenetrate
 from .ledger import Ledger
-from .motion import Motion, last_step
+from .motion import Motion
 from .record import MotionState
 
 #: Column with the number of inverted elements.
@@ -186,11 +186,11 @@ class LedgerWriter:
     """Recorder of the energies, works and momenta of a motion's states in its ledger.
 
     When a motion is resumed, the ledger already has rows, and the last row belongs to the first state. `dt` is the approximate
-    length of the first step [s].
+    length of the first step [s]. `mean`: whether the forces of the integrator are means over a step.
     """
 
-    def __init__(self, motion: Motion, locations: LedgerLocations, ledger: Ledger, dt: float) -> None:
-        self.motion, self.ledger, self._dt = motion, ledger, dt
+    def __init__(self, motion: Motion, locations: LedgerLocations, ledger: Ledger, dt: float, mean: bool = False) -> None:
+        self.motion, self.ledger, self._dt, self._mean = motion, ledger, dt, mean
         mesh = motion.system.mesh
         counts = mesh.space.counted(np.ones(mesh.nv)) > 0  # each node once in a divided body
         probes, self._reactions = ([ids[counts[ids]] for ids in some.values()] for some in locations)
@@ -267,18 +267,14 @@ class LedgerWriter:
         for displacements, count in zip(self._probes, self._probed, strict=True):
             row += list(mesh.space.total(displacements(state.u).reshape(-1, mesh.d).sum(axis=0)) / count)
         if self._reactions:
-            since = last_step([*self.ledger["time"][-2:].tolist(), state.t], self._dt)
-            u, v = motion.states.expand(state.u), motion.states.expand(state.v)
-            forces = motion.ground_forces(u, v, state.t, since).reshape(-1, mesh.d)
+            times = [*self.ledger["time"][-2:].tolist(), state.t]
+            forces = motion.ground_forces(state, times, self._dt, self._mean).reshape(-1, mesh.d)
             for vertices in self._reactions:
                 row += list(mesh.space.total(forces[vertices].sum(axis=0)))
-        for contact in motion.system.contacts:
-            force = np.zeros(mesh.p.T.shape)
-            x = by_vertex(mesh, state.u)
-            contact.energy_and_force(x, force)
-            row += list(-force[contact.nodes].sum(axis=0))
+        for contact, force in zip(motion.system.contacts, state.forces, strict=False):
+            row += list(force.reshape(-1, mesh.d)[contact.nodes].sum(axis=0))
             if isinstance(contact, CanPenetrate):
-                row.append(contact.smallest_gap(x))
+                row.append(contact.smallest_gap(by_vertex(mesh, state.u)))
         for column in self._without_value:
             row[column] = nan
         self.ledger.append(row)

@@ -15,6 +15,7 @@ from ...edges.pairs import couples_pairs_of
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...linear.dense import DenseSolver
+from ...mesh.displacements import by_vertex
 from ...nonlinear.newton import BEFORE_THE_LIMIT, Iterations, NewtonOptions, newton
 from ...system import System
 from ...system.coordinates import Coordinates
@@ -111,7 +112,6 @@ class Implicit(Integrator):
     #: Factor from the reactions of the solved equation to those of the equation of motion, if reactions are computed from the
     #: former.
     weight: ClassVar[float] = 1.0
-    mean: ClassVar[bool] = False
     secant: ClassVar[bool] = False
     #: Whether a step is one linear solve that starts near its solution, so that it takes few iterations.
     starts_near: ClassVar[bool] = False
@@ -233,6 +233,19 @@ class ImplicitStepper(Stepper):
         else:  # forces at the end differ from the mean over the step by O(h)
             forces = motion.force(before.u, before.v, before.t) + motion.force(state.u, state.v, state.t)
             state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
+
+    def store_forces(self, before: MotionState, state: MotionState) -> None:
+        super().store_forces(before, state)
+        if not self.integrator.mean:
+            return
+        motion, mesh, u0, u1 = self.motion, self.motion.system.mesh, before.u, state.u
+        contacts: list[Any] = motion.system.contacts
+        for contact, force in zip(contacts, state.forces, strict=False):
+            force[:] = 0
+            contact.mean_force(by_vertex(mesh, u0), by_vertex(mesh, u1), (0.5, 0.5), 0.5, force.reshape(-1, mesh.d))
+            force *= -1
+        if len(state.forces) > len(contacts):
+            state.forces[-1] = motion.system.foundation_force((u0 + u1) / 2 + motion.beta / (state.t - before.t) * (u1 - u0))
 
     def strain_energy(self, state: MotionState) -> float:
         return self.motion.energy(state.u)
