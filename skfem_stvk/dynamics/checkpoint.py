@@ -35,6 +35,8 @@ EVERY, SHARE = 5.0, 0.05
 START_AGAIN = "Start again: overwrite=True, without resume."
 #: Arrays of a state that a checkpoint holds.
 ARRAYS = ("u", "v", "a", "reaction")
+#: Beginning of the names of the arrays with the `forces` of a state.
+FORCE = "force "
 #: Arrays of the origin of a hierarchy.
 HIERARCHY = ("hierarchy u0", "hierarchy w")
 #: Array of the inputs of a `Simulation`.
@@ -156,7 +158,8 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
 
     @staticmethod
     def by_dof(name: str) -> bool:
-        return name.removeprefix("good ") in ARRAYS or name in HIERARCHY
+        own = name.removeprefix("good ")
+        return own in ARRAYS or own.startswith(FORCE) or name in HIERARCHY
 
     def __init__(self, path: Path, resume: bool = False, older: Path | None = None, space: Space | None = None) -> None:
         self.file, self._next = file_of(path), -np.inf
@@ -232,13 +235,18 @@ class Saved(NamedTuple):
         return self.arrays.get("removed", np.empty(0, dtype=np.int64)), self.arrays.get("removed at", np.empty(0))
 
     def _snapshot(self, moment: MomentRecord, prefix: str) -> Snapshot:
-        state = MotionState(moment.t, *(self.arrays[prefix + name] for name in ARRAYS))
+        vectors = [self.arrays[prefix + name] for name in ARRAYS]
+        forces = self._numbered(prefix + FORCE)
+        state = MotionState(moment.t, *vectors, np.array(forces) if forces else np.zeros((0, len(vectors[0]))))
         clock, reviews = Clock(**moment.clock.model_dump()), Reviews(**moment.looks.model_dump())
         return Snapshot(state, clock, reviews, moment.steps, moment.cuts, moment.rows, self.history(prefix))
 
     def history(self, prefix: str = "") -> tuple[Array, ...]:
         """Return the histories of the terms that have one."""
-        names = takewhile(self.arrays.__contains__, (f"{prefix}history {i}" for i in count()))
+        return self._numbered(f"{prefix}history ")
+
+    def _numbered(self, prefix: str) -> tuple[Array, ...]:
+        names = takewhile(self.arrays.__contains__, (f"{prefix}{i}" for i in count()))
         return tuple(self.arrays[name] for name in names)
 
 
@@ -250,12 +258,12 @@ def packed(
     Include the last good state if the step length is `found` from the critical step and not user-supplied.
     """
     about: dict[str, Any] = {"now": _moment(record, record.ledger.steps), "good": None}
-    arrays = {name: getattr(record.state, name) for name in ARRAYS}
+    arrays = _arrays_of(record.state, "")
     arrays |= {f"history {i}": one for i, one in enumerate(record.history)}
     good = record.good
     if found and good is not None and good.steps < record.steps:
         about["good"] = _moment(good, good.rows)
-        arrays |= {f"good {name}": getattr(good.state, name) for name in ARRAYS}
+        arrays |= _arrays_of(good.state, "good ")
         arrays |= {f"good history {i}": one for i, one in enumerate(good.history)}
     if record.origin is not None:
         u0, w, *others = record.origin
@@ -267,6 +275,12 @@ def packed(
         about[kind] = list(vertices)
         arrays |= {f"{kind} {name}": _in_whole_mesh(mesh, ids) for name, ids in vertices.items()}
     return about, arrays
+
+
+def _arrays_of(state: MotionState, prefix: str) -> dict[str, Array]:
+    """Return the arrays of a state by name."""
+    vectors = {prefix + name: getattr(state, name) for name in ARRAYS}
+    return vectors | {f"{prefix}{FORCE}{i}": force for i, force in enumerate(state.forces)}
 
 
 def _in_whole_mesh(mesh: ElementMesh, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -372,7 +386,8 @@ def _check_moment(saved: Saved, moment: MomentRecord, prefix: str, motion: Motio
         raise ValueError(f"its steps are of {clock.dt:g} s, and were {reviews.largest:g} s at first")
     if reviews.next > moment.steps + reviews.interval:
         raise ValueError(f"after {moment.steps} steps its next review is at step {reviews.next}, later than its interval allows")
-    state = {name: expect(saved.arrays, prefix + name, (motion.states.n,)) for name in ARRAYS}
+    names = *ARRAYS, *(f"{FORCE}{i}" for i in range(motion.force_rows))
+    state = {name: expect(saved.arrays, prefix + name, (motion.states.n,)) for name in names}
     last = moment.rows - 1
     row = {"kinetic_energy": saved.ledger["kinetic_energy"][last], "strain_energy": known_strain(saved.ledger)[last]}
     kinetic = motion.states.dot(state["v"], motion.mass.multiply(state["v"])) / 2

@@ -19,7 +19,7 @@ from ..system import System
 from ..system.coordinates import Coordinates
 from ..terms.protocols import CanPenetrate
 from .ledger import Ledger
-from .motion import Motion, last_step
+from .motion import Motion
 from .record import MotionState
 
 #: Column with the number of inverted elements.
@@ -186,11 +186,11 @@ class LedgerWriter:
     """Recorder of the energies, works and momenta of a motion's states in its ledger.
 
     When a motion is resumed, the ledger already has rows, and the last row belongs to the first state. `dt` is the approximate
-    length of the first step [s].
+    length of the first step [s]. `mean`: whether the forces of the integrator are means over a step.
     """
 
-    def __init__(self, motion: Motion, locations: LedgerLocations, ledger: Ledger, dt: float) -> None:
-        self.motion, self.ledger, self._dt = motion, ledger, dt
+    def __init__(self, motion: Motion, locations: LedgerLocations, ledger: Ledger, dt: float, mean: bool = False) -> None:
+        self.motion, self.ledger, self._dt, self._mean = motion, ledger, dt, mean
         mesh = motion.system.mesh
         counts = mesh.space.counted(np.ones(mesh.nv)) > 0  # each node once in a divided body
         probes, self._reactions = ([ids[counts[ids]] for ids in some.values()] for some in locations)
@@ -206,7 +206,7 @@ class LedgerWriter:
         self._first = float(known_total(ledger)[0]) if ledger.steps else None
         self._inside_out = self.ledger.names.index(INSIDE_OUT)
         self._has_work = motion.moving or motion.damped or motion.driven or bool(motion.system.working_contacts)
-        self._t, self._u = 0.0, np.zeros(motion.states.n)
+        self._t, self._u, self._v = 0.0, np.zeros(motion.states.n), np.zeros(motion.states.n)
         self._driving_force: Array = np.zeros(motion.states.n)
 
     def begin(self, state: MotionState) -> None:
@@ -224,6 +224,7 @@ class LedgerWriter:
         if self._has_work:
             self._t = state.t
             np.copyto(self._u, state.u)
+            np.copyto(self._v, state.v)
             self._driving_force = self.motion.driving_force(state.u, state.t)
 
     def add_work(self, state: MotionState) -> None:
@@ -233,6 +234,11 @@ class LedgerWriter:
         motion, before, since = self.motion, self._driving_force, self._t
         self.dissipated += motion.dissipated(self._u, state.u, state.t - since)
         change = state.u - self._u
+        if motion.moving:  # prescribed degrees of freedom do not move with the mean of their velocities
+            fixed = motion.free.fixed
+            impulse, apart = motion.mass.multiply(state.v - self._v), (state.v + self._v) / 2 - change / (state.t - since)
+            dot_fixed = motion.states.on(fixed).dot
+            self.external += dot_fixed(state.reaction[fixed], change[fixed]) + dot_fixed(impulse[fixed], apart[fixed])
         for term in motion.system.working_contacts:
             u0, u1 = (by_vertex(motion.system.mesh, u) for u in (self._u, state.u))
             work, lost = term.work(u0, u1)
@@ -240,9 +246,6 @@ class LedgerWriter:
         self._begin(state)
         dot = motion.states.dot
         self.external += (dot(before, change) + dot(self._driving_force, change)) / 2
-        if motion.moving:
-            fixed = motion.free.fixed
-            self.external += motion.states.on(fixed).dot(state.reaction[fixed], change[fixed])
 
     def append_row(self, state: MotionState, strain_energy: float) -> None:
         """Append a row for this state. Copy the number of inverted elements from the previous row; see `count_inside_out`.
@@ -264,18 +267,14 @@ class LedgerWriter:
         for displacements, count in zip(self._probes, self._probed, strict=True):
             row += list(mesh.space.total(displacements(state.u).reshape(-1, mesh.d).sum(axis=0)) / count)
         if self._reactions:
-            since = last_step([*self.ledger["time"][-2:].tolist(), state.t], self._dt)
-            u, v = motion.states.expand(state.u), motion.states.expand(state.v)
-            forces = motion.ground_forces(u, v, state.t, since).reshape(-1, mesh.d)
+            times = [*self.ledger["time"][-2:].tolist(), state.t]
+            forces = motion.ground_forces(state, times, self._dt, self._mean).reshape(-1, mesh.d)
             for vertices in self._reactions:
                 row += list(mesh.space.total(forces[vertices].sum(axis=0)))
-        for contact in motion.system.contacts:
-            force = np.zeros(mesh.p.T.shape)
-            x = by_vertex(mesh, state.u)
-            contact.energy_and_force(x, force)
-            row += list(-force[contact.nodes].sum(axis=0))
+        for contact, force in zip(motion.system.contacts, state.forces, strict=False):
+            row += list(force.reshape(-1, mesh.d)[contact.nodes].sum(axis=0))
             if isinstance(contact, CanPenetrate):
-                row.append(contact.smallest_gap(x))
+                row.append(contact.smallest_gap(by_vertex(mesh, state.u)))
         for column in self._without_value:
             row[column] = nan
         self.ledger.append(row)

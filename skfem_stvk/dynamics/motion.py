@@ -17,7 +17,7 @@ from ..system import System
 from ..system.coordinates import CoordinateMass, Coordinates
 from ..terms import BoundLoad, TakesTime
 from ..terms.load import Moment
-from ..terms.protocols import Assumed, set_time
+from ..terms.protocols import Assumed, Grounded, set_time
 from .at_rest import AtRest
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping
@@ -26,8 +26,8 @@ from .record import MotionState
 
 #: Smallest length of a step for differences, as a part of the previous step.
 SHORT = 0.3
-#: Part of a time step over which prescribed displacements are differenced at the start.
-DIFFERENCE = 1e-3
+#: Part of a time step over which prescribed displacements are differenced.
+DIFFERENCE = 1e-2
 
 
 class Motion:
@@ -165,15 +165,20 @@ class Motion:
         return self._prescribed_values(0.0)
 
     def constrained_velocities(self, t: float, dt: float) -> Array:
-        """Return the velocities of the constrained degrees of freedom [m/s], by forward differences."""
+        """Return the velocities of the constrained degrees of freedom [m/s], by differences between `t` and `t + dt`.
+
+        At the start of a run `dt` is the first step. At the end of a step it is minus that step, so that a kink there belongs to
+        the next step. Inputs move evenly over a step.
+        """
         if not self.moving:
             return np.zeros(len(self.free.fixed))
-        h = DIFFERENCE * dt
-        velocities: Array = (
-            4 * self.constrained_displacements(t + h)
-            - self.constrained_displacements(t + 2 * h)
-            - 3 * self.constrained_displacements(t)
-        ) / (2 * h)
+        times = t, t + DIFFERENCE * dt, t + 2 * DIFFERENCE * dt
+        here, near, far = map(self.constrained_displacements, times)
+        a, b = times[1] - t, times[2] - t  # with the rounding of times
+        velocities: Array = ((near - here) * (b / a) - (far - here) * (a / b)) / (b - a)
+        if self.inputs is not None:
+            moved = self.inputs.moved
+            velocities[moved] = (self.inputs.displacements(t + dt) - here[moved]) / dt
         return velocities
 
     @cached_property
@@ -221,18 +226,45 @@ class Motion:
         """Return `M^-1 (h - D v - F)` [m/s^2], 0 at constrained degrees of freedom."""
         return self.mass.solve(self.force(u, v, t))
 
-    def ground_forces(self, u: Array, v: Array, t: float, since: float) -> Array:
-        """Return the forces (ndofs,) [N] of supports and foundations on the body at time `t`.
+    @property
+    def force_rows(self) -> int:
+        """Number of the `forces` of a state: one for each contact, and one for foundations if there are any."""
+        if self.body is not self.system:
+            return 0
+        return len(self.system.contacts) + any(isinstance(term, Grounded) for term in self.system.bound_terms)
+
+    def store_forces(self, state: MotionState) -> None:
+        """Store the forces of contacts and foundations on the body at the state in `state.forces`."""
+        mesh, contacts = self.system.mesh, self.system.contacts
+        set_time(self.system.bound_terms, self.moment(state.t))
+        for contact, force in zip(contacts, state.forces, strict=False):
+            force[:] = 0
+            contact.energy_and_force(by_vertex(mesh, state.u), force.reshape(-1, mesh.d))
+            force *= -1
+        if len(state.forces) > len(contacts):
+            state.forces[-1] = self.system.foundation_force(state.u + self.beta * state.v)
+
+    def ground_forces(self, state: MotionState, times: Sequence[float], dt: float, mean: bool) -> Array:
+        """Return the forces (ndofs,) [N] of supports and foundations on the body.
 
             M a + D v + F(u) - h(u, t)    of supports, at constrained degrees of freedom
             -K_f (u + beta v)             of foundations, whose stiffness counts in Rayleigh's damping too
 
-        The displacements `u` and velocities `v` are (ndofs,). Accelerations `a` are those of the equation of motion at this time;
-        for moving supports see `constrained_accelerations`. For a body on a basis, residual forces at free degrees of freedom are
-        transferred to the supports by K at rest.
+        If supports move or forces are a `mean` over the step, they are those of the equation of the last step. Otherwise, and after
+        a short last step, they are those at the state: accelerations `a` are those of the equation of motion, for moving supports
+        those of `constrained_accelerations`. `times` are those of the last three states, and `dt` is the length of a first step
+        [s].
+
+        For a body on a basis, the forces are those at the state. Residual forces at free degrees of freedom are transferred to the
+        supports by K at rest.
         """
         whole = self if self.body is self.system else self._full_motion
-        fixed, mass = whole.free.fixed, whole.mass
+        fixed, mass, since = whole.free.fixed, whole.mass, last_step(times, dt)
+        if whole is self and (mean or self.moving) and since in times[-2:-1]:
+            forces = state.forces[len(self.system.contacts) :].sum(axis=0)
+            forces[fixed] += state.reaction[fixed]
+            return forces
+        u, v, t = self.states.expand(state.u), self.states.expand(state.v), state.t
         moving = whole.force(u, v, t)
         a = np.zeros_like(moving)
         if self.moving:

@@ -117,7 +117,7 @@ class Outputs:
             if not series.steps or series.steps[-1][0] < state.t:
                 motion = self._setup.motion
                 u, v = (motion.states.expand(x) for x in (state.u, state.v))
-                contacts = contact_states(motion.system, u, motion.moment(state.t))
+                contacts = contact_states(motion.system, u, motion.moment(state.t), state.forces)
                 series.add(self._fields.at(u, v, contacts), state.t)
             self._write_table()
 

@@ -33,20 +33,22 @@ class MotionState:
     a: Array  # accelerations [m/s^2] if the integrator stores them, otherwise zero
     #: Mean forces of the supports over the last step [N].
     reaction: Array
+    #: (n, ndofs) forces of each contact, and in a last row of all foundations, on the body in the last step [N].
+    forces: Array
 
     @classmethod
-    def at(cls, t: float, u: Array, v: Array) -> MotionState:
-        """Return a state with copies of `u` and `v`, and zero accelerations and reactions."""
-        return cls(t, u.copy(), v.copy(), np.zeros_like(u), np.zeros_like(u))
+    def at(cls, t: float, u: Array, v: Array, rows: int = 0) -> MotionState:
+        """Return a state with copies of `u` and `v`, zero accelerations and reactions, and `rows` of zero forces."""
+        return cls(t, u.copy(), v.copy(), np.zeros_like(u), np.zeros_like(u), np.zeros((rows, len(u))))
 
     def copy(self) -> MotionState:
         """Return an independent copy."""
-        return MotionState(self.t, *(array.copy() for array in (self.u, self.v, self.a, self.reaction)))
+        return MotionState(self.t, *(array.copy() for array in (self.u, self.v, self.a, self.reaction, self.forces)))
 
     def copy_from(self, other: MotionState) -> None:
         """Copy another state into the arrays of this one."""
         self.t = other.t
-        for name in ("u", "v", "a", "reaction"):
+        for name in ("u", "v", "a", "reaction", "forces"):
             np.copyto(getattr(self, name), getattr(other, name))
 
 

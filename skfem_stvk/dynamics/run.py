@@ -29,7 +29,8 @@ from ..terms.rigid_shapes import RigidShape
 from .guards import relative_closure_error
 from .integrators import Integrator
 from .ledger import Ledger
-from .motion import Motion, last_step
+from .motion import Motion
+from .record import MotionState
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -44,6 +45,8 @@ class Run:
         Integrator of the run.
     u, v
         (ndofs,) displacements [m] and velocities [m/s] of the last good state.
+    last
+        This state as the integrator stores it, with the forces of supports, contacts and foundations in the step to it.
     t
         Time of this state [s].
     dt
@@ -83,6 +86,7 @@ class Run:
     integrator: Integrator
     u: Array
     v: Array
+    last: MotionState
     t: float
     dt: float
     status: Status
@@ -115,7 +119,7 @@ class Run:
     @cached_property
     def state(self) -> State:
         """All fields of the last state: `run.state["von_mises_stress"]`; see `skfem_stvk.results.names()`."""
-        contacts = contact_states(self.system, self.u, self.motion.moment(self.t))
+        contacts = contact_states(self.system, self.u, self.motion.moment(self.t), self.last.forces)
         return Fields.of(self.system).at(self.u, self.v, contacts)
 
     def reaction(self, where: Where | None = None) -> Reaction:
@@ -140,8 +144,8 @@ class Run:
             if there is no support and no foundation at this location.
         """
         vertices = constrained_vertices(self.system, where)
-        since = last_step(self.ledger["time"][-3:].tolist(), self.dt)
-        forces, mesh = self.motion.ground_forces(self.u, self.v, self.t, since), self.system.mesh
+        times, mesh = self.ledger["time"][-3:].tolist(), self.system.mesh
+        forces = self.motion.ground_forces(self.last, times, self.dt, self.integrator.mean)
         return Reaction.of(mesh, self.u, forces, mesh.node_numbers[vertices], self.system.units)
 
     def contact(self, name: str) -> ContactState:
@@ -157,7 +161,7 @@ class Run:
         ContactError
             if there is no such contact.
         """
-        return contact_state(self.system, name, self.u, self.motion.moment(self.t))
+        return contact_state(self.system, name, self.u, self.motion.moment(self.t), self.last.forces)
 
     def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
         """Draw the last state, coloured by a field.

@@ -377,7 +377,7 @@ class Simulation:
 
     def _ground_forces(self) -> Array:
         """Return the forces (ndofs,) of supports and foundations at the end of the step, from one evaluation on the mesh."""
-        return self._motion.ground_forces(self.u, self.v, self.t, self.t - self.dt)
+        return self._motion.ground_forces(self._record.state, (self.t - self.dt, self.t), self.dt, False)
 
     def contact(self, name: str) -> ContactState:
         """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.
@@ -392,7 +392,7 @@ class Simulation:
         ContactError
             if there is no such contact.
         """
-        return contact_state(self.system, name, self.u, self._motion.moment(self.t))
+        return contact_state(self.system, name, self.u, self._motion.moment(self.t), self._record.state.forces)
 
     def inside_out(self) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements, ascending."""

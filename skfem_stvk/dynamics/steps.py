@@ -107,7 +107,7 @@ class Steps:
     def _part(self, state: MotionState, t: float) -> None:
         """Make one step of the integrator. Terms with history store the state at its beginning, unless it fails."""
         body, system = self._motion.body, self._motion.system
-        before = state.copy() if system.contacts else None
+        before = state.copy() if len(state.forces) else None
         body.commit(state.u, self._motion.moment(state.t))
         try:
             self.stepper.step(state, t)
@@ -116,8 +116,10 @@ class Steps:
                 raise StepFailed(f"{End.CONTACT.value}: {name!r}")
         except StepFailed:
             body.return_to(self._record.history)
-            if before is not None:
+            if system.contacts:
                 self.stepper.start(state)
             raise
         self._record.history = body.history()
+        if before is not None:
+            self.stepper.store_forces(before, state)
         self._arrived(state)

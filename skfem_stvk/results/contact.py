@@ -73,8 +73,10 @@ class ContactState:
         )
 
 
-def contact_state(system: System, name: str, u: Array, t: Time) -> ContactState:
+def contact_state(system: System, name: str, u: Array, t: Time, forces: Array | None = None) -> ContactState:
     """Return the state of the contact of this name at displacements `u` (ndofs,) and load factor or moment `t`.
+
+    `forces` (n, ndofs) are those of all contacts on the body [N], by default those at `u`.
 
     Raises
     ------
@@ -85,14 +87,15 @@ def contact_state(system: System, name: str, u: Array, t: Time) -> ContactState:
     if text("name", name) not in known:
         raise ContactError(f"name = {name!r}; expected a contact of the body; {name_known(name, known)}")
     set_time(system.bound_terms, t)
-    return _state_of(known[name], system, u)
+    return _state_of(known[name], system, u, None if forces is None else forces[list(known).index(name)])
 
 
-def contact_states(system: System, u: Array, t: Time) -> tuple[ContactState, ...]:
-    """Return the states of all contacts at displacements `u` (ndofs,) and load factor or moment `t`."""
+def contact_states(system: System, u: Array, t: Time, forces: Array | None = None) -> tuple[ContactState, ...]:
+    """Return the states of all contacts, as `contact_state` does."""
     if system.contacts:
         set_time(system.bound_terms, t)
-    return tuple(_state_of(term, system, u) for term in system.contacts)
+    each = [None] * len(system.contacts) if forces is None else forces
+    return tuple(_state_of(term, system, u, force) for term, force in zip(system.contacts, each, strict=False))
 
 
 def shapes_at(system: System, t: Time) -> list[RigidShape]:
@@ -101,12 +104,14 @@ def shapes_at(system: System, t: Time) -> list[RigidShape]:
     return [term.shape for term in system.contacts if term.shape is not None]
 
 
-def _state_of(term: HasContact, system: System, u: Array) -> ContactState:
+def _state_of(term: HasContact, system: System, u: Array, force: Array | None) -> ContactState:
     x, rest = by_vertex(system.mesh, u), system.mesh.p.T
-    force = np.zeros(x.shape)
-    term.energy_and_force(x, force)
+    if force is None:
+        internal = np.zeros(x.shape)
+        term.energy_and_force(x, internal)
+        force = -internal
     pressure, gap, area = term.evaluated(x)
-    return ContactState(term.name, -force, pressure, gap, area, term.nodes, rest + x, term.shape, system.units)
+    return ContactState(term.name, force.reshape(x.shape).copy(), pressure, gap, area, term.nodes, rest + x, term.shape, system.units)
 
 
 def combined(contacts: Sequence[ContactState]) -> dict[str, Array]:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 #: Tolerance of a requested time, as a fraction of the largest time of the series.
 SAME_TIME = 1e-9
 #: Checkpoints of motions and of paths of equilibria: format and version, and names of their files.
-MOTION, PATH = ("motion of skfem-stvk", 4), ("path of skfem-stvk", 2)
+MOTION, PATH = ("motion of skfem-stvk", 5), ("path of skfem-stvk", 2)
 MOTION_FILE, PATH_FILE = "motion.npz", "state_{:05d}.npz"
 #: Remedy for an unreadable checkpoint.
 OTHER = "Use another file of the run, such as its .pvd."

@@ -194,7 +194,7 @@ def test_another_version_is_refused(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(MotionCheckpoint, "known", ("motion of skfem-stvk", 7))
         written(tmp_path / "flag")
-    with pytest.raises(StvkError, match=r"is of version 7 of the format 'motion of skfem-stvk'; this release reads version 4"):
+    with pytest.raises(StvkError, match=r"is of version 7 of the format 'motion of skfem-stvk'; this release reads version 5"):
         load(tmp_path / "flag" / "motion.npz")
 
 

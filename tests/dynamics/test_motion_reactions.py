@@ -127,10 +127,9 @@ def test_reactions_of_moving_supports_are_accurate_to_second_order(make, mass):
     off = []
     for dt in (0.02, 0.01):
         run = swung(2).run(make(dt), 0.4, mass=mass, reactions={"clamp": None})
-        rate, forces = rate_and_forces(run)
-        missing = rate - (forces[1:] + forces[:-1]) / 2
-        missing = (missing[1:] + missing[:-1]) / 2  # velocities of prescribed supports oscillate from step to step
-        late = run.ledger["time"][2:] > 0.25  # with generalised alpha the oscillation has decayed by then
+        (rate, forces), loads = rate_and_forces(run), pushes(run)
+        missing = rate - columns(run, "reaction clamp ")[1:] - (loads[1:] + loads[:-1]) / 2  # reactions are means over a step
+        late = run.ledger["time"][1:] > 0.25  # generalised alpha starts with an acceleration that is not its own
         off.append(np.abs(missing[late]).max() / np.abs(forces).max())
     assert off[0] < 0.01 and off[1] < 0.3 * off[0]
 
@@ -152,7 +151,7 @@ def test_the_work_of_moving_supports_is_the_work_of_their_reactions():
     )
     run = simulate(system, EnergyMomentum(2e-3), until=0.3, reactions={"clamp": "left"}, quiet=True)
     force, path = columns(run, "reaction clamp "), np.outer(np.sin(3 * run.ledger["time"]) ** 2, [0.1, -0.2, 0.1])
-    work = ((force[1:] + force[:-1]) / 2 * np.diff(path, axis=0)).sum()
+    work = (force[1:] * np.diff(path, axis=0)).sum()
     assert work == pytest.approx(run.ledger["external_work"][-1], rel=1e-3)
 
 
@@ -288,8 +287,11 @@ def test_the_picture_has_separate_panels_for_reactions():
 
 
 def test_reactions_after_a_tiny_last_step_are_accurate():
-    """Over 2e-9 s, differences of the supports' displacements contain only round-off."""
+    """Over 2e-9 s, differences of the supports' displacements contain only round-off: it is the force at the end of the run.
+
+    That after a whole step is the mean over the step, half of it before the end.
+    """
     whole, more = (swung(2).run(EnergyMomentum(1e-3), 0.2 + extra, reactions={"clamp": "left"}) for extra in (0.0, 2e-9))
     assert more.ledger.steps == whole.ledger.steps + 1
     for found in (more.reaction("left").resultant, columns(more, "reaction clamp ")[-1]):
-        np.testing.assert_allclose(found, whole.reaction("left").resultant, rtol=1e-5)
+        np.testing.assert_allclose(found, whole.reaction("left").resultant, rtol=1e-3)

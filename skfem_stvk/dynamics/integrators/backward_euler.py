@@ -9,11 +9,13 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from ...arguments import Array
+from ...edges import ALL, TENSILE
 from ...errors import StvkError
 from ...linear.dense import DenseFactors
+from ...mesh.displacements import by_vertex
 from ...nonlinear.newton import usable
 from ...nonlinear.problem import Tangent
-from ...system import System
+from ...system import System, TangentOperator
 from ...system.coordinates import Coordinates
 from ...terms.load import Moment
 from ...terms.protocols import set_time
@@ -167,6 +169,7 @@ class LinearStepper(ImplicitStepper):
         self._w, self._predicted, self._zero = (np.zeros(n) for _ in range(3))
         self._b, self._start, self._x = (np.zeros(free) for _ in range(3))
         self._held = np.zeros(len(motion.free.fixed))
+        self._retained = ALL  # tensions in the tangent of the last step
 
     @property
     def remark(self) -> str:
@@ -222,6 +225,21 @@ class LinearStepper(ImplicitStepper):
         self._energy = self.problem.store_internal_force(state.u)
         state.reaction[self.motion.free.fixed] = self.problem.reactions(w, state.u, moment.time, self._held)
 
+    def store_forces(self, before: MotionState, state: MotionState) -> None:
+        """Store `F + K w` of each contact, with the K of the step."""
+        super().store_forces(before, state)
+        system, w = self.motion.system, state.u - before.u
+        contacts = ((term, pairs) for term, pairs in zip(system.bound_terms, system.pair_terms, strict=True) if term in system.contacts)
+        for (contact, pairs), force in zip(contacts, state.forces, strict=False):
+            force[:] = 0
+            contact.energy_and_force(by_vertex(system.mesh, before.u), force.reshape(-1, system.mesh.d))
+            K = TangentOperator(system.mesh, [pairs], before.u, system.dtype, self._retained)
+            if self.integrator.tangent == StepTangent.DIAGONAL.value:
+                force += np.einsum("nij,nj->ni", K.diagonal_blocks(), w.reshape(-1, system.mesh.d)).ravel()
+            else:
+                force += K @ w
+            force *= -1
+
     def strain_energy(self, state: MotionState) -> float:
         return self._energy
 
@@ -236,6 +254,7 @@ class LinearStepper(ImplicitStepper):
             self.counts.iterations += solution.iterations
             if usable(solution):
                 self.counts.clamped += attempted is Tangent.CLAMPED
+                self._retained = StepTangent(self.integrator.tangent).retained if attempted is Tangent.EXACT else TENSILE
                 return solution.x
         raise StepFailed(f"the linear solve failed: {solution.outcome.value}")
 

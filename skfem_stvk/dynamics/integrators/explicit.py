@@ -189,13 +189,13 @@ class VelocityVerletStepper(ExplicitStepper):
     def step(self, state: MotionState, t: float) -> None:
         h, motion, fixed = t - state.t, self.motion, self.motion.free.fixed
         if motion.moving:
-            before, velocities = state.u[fixed], state.v[fixed]
+            velocities = state.v[fixed]
             force = self.external(state.u, state.v, state.t)[fixed] - self.internal[fixed]
         kernels.kick_and_drift(state.a, h / 2, h, state.v, state.u)
         self.move_supports(state, t)
         self.evaluate(state)
         if motion.moving:
-            state.v[fixed] = 2 * (state.u[fixed] - before) / h - velocities
+            state.v[fixed] = motion.constrained_velocities(t, -h)
         external = self.external(state.u, state.v + (h / 2) * state.a if motion.damped else state.v, t)
         if motion.moving:
             inertia = self.masses * (state.v[fixed] - velocities) / h

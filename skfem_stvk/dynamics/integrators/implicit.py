@@ -15,6 +15,7 @@ from ...edges.pairs import couples_pairs_of
 from ...linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ...linear.choose import is_auto
 from ...linear.dense import DenseSolver
+from ...mesh.displacements import by_vertex
 from ...nonlinear.newton import BEFORE_THE_LIMIT, Iterations, NewtonOptions, newton
 from ...system import System
 from ...system.coordinates import Coordinates
@@ -101,10 +102,16 @@ class Implicit(Integrator):
         On entry, `state.u` is still that before the step.
         """
 
+    def displacements_to(self, state: MotionState, v: Array, h: float) -> Array | None:
+        """Return the displacements over a step of length `h` with which `update` leads to velocities `v`.
+
+        None, the default, if prescribed degrees of freedom have the velocity `w / h`.
+        """
+        return None
+
     #: Factor from the reactions of the solved equation to those of the equation of motion, if reactions are computed from the
     #: former.
     weight: ClassVar[float] = 1.0
-    mean: ClassVar[bool] = False
     secant: ClassVar[bool] = False
     #: Whether a step is one linear solve that starts near its solution, so that it takes few iterations.
     starts_near: ClassVar[bool] = False
@@ -123,6 +130,7 @@ class ImplicitStepper(Stepper):
         self.problem = StepProblem(motion, self._matrix(), self.watch, integrator.mean, integrator.secant)
         self._most_inside_out = motion.system.mesh.element_count if passes_inversion(motion.system) else None
         self.scratch = np.zeros(motion.states.n)
+        self._prescribed: tuple[Array, Array] | None = None  # prescribed velocities, and the displacements that lead to them
         self._met = ""  # remark on the contact that cut the first guess of the step
 
     def _matrix(self) -> StepMatrix | DenseStepMatrix:
@@ -151,7 +159,7 @@ class ImplicitStepper(Stepper):
 
     def step(self, state: MotionState, t: float) -> None:
         h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
-        problem.begin(state, self.integrator.coefficients(state, h, self))
+        problem.begin(state, self._with_velocities(self.integrator.coefficients(state, h, self), state, t, h))
         w = self.predicted(state, t)
         most_inverted = self._most_inside_out or len(problem.inside_out(np.zeros_like(w)))
         w, found, record = self.solve(w, moment, most_inverted)
@@ -159,6 +167,25 @@ class ImplicitStepper(Stepper):
         if found:
             raise StepFailed(found + self._met)
         self.accept(state, w, h, moment)
+
+    def _with_velocities(self, coefficients: Coefficients, state: MotionState, t: float, h: float) -> Coefficients:
+        """Return the coefficients with which prescribed degrees of freedom have the velocities of their functions at `t`.
+
+        The velocities that an integrator finds from displacements would oscillate for ever after a kink. So inertia, and damping at
+        velocities, act on the displacements that lead to the right ones.
+        """
+        fixed, motion, v = self.motion.free.fixed, self.motion, state.v.copy()
+        v[fixed] = motion.constrained_velocities(t, -h)
+        led = self.integrator.displacements_to(state, v, h) if motion.moving else None
+        self._prescribed = None if led is None else (v[fixed], led[fixed])
+        if led is None:
+            return coefficients
+        c, m, g, d, _ = coefficients
+        excess = led[fixed] - (motion.constrained_displacements(t) - state.u[fixed])
+        m[fixed] -= c * excess
+        if isinstance(d, np.ndarray) and not self.integrator.mean:
+            d[fixed] -= g * excess
+        return coefficients
 
     def length(self, state: MotionState, t: float) -> float:
         """Return the length of the step to `t` [s]. For a whole step it is exactly `dt`, so that factors can be reused."""
@@ -193,13 +220,32 @@ class ImplicitStepper(Stepper):
         fixed, motion = self.motion.free.fixed, self.motion
         before = state.copy() if motion.moving and self.integrator.needs_acceleration else None
         state.t = moment.time  # from here on, the state is no longer that of the previous step
-        self.integrator.update(state, w, h)
+        if self._prescribed is None:
+            self.integrator.update(state, w, h)
+        else:
+            led, (v, led_there) = w.copy(), self._prescribed
+            led[fixed] = led_there
+            self.integrator.update(state, led, h)
+            state.v[fixed] = v
         state.u += w
         if before is None:
             state.reaction[fixed] = self.integrator.weight * self.problem.full[fixed]
         else:  # forces at the end differ from the mean over the step by O(h)
             forces = motion.force(before.u, before.v, before.t) + motion.force(state.u, state.v, state.t)
             state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
+
+    def store_forces(self, before: MotionState, state: MotionState) -> None:
+        super().store_forces(before, state)
+        if not self.integrator.mean:
+            return
+        motion, mesh, u0, u1 = self.motion, self.motion.system.mesh, before.u, state.u
+        contacts: list[Any] = motion.system.contacts
+        for contact, force in zip(contacts, state.forces, strict=False):
+            force[:] = 0
+            contact.mean_force(by_vertex(mesh, u0), by_vertex(mesh, u1), (0.5, 0.5), 0.5, force.reshape(-1, mesh.d))
+            force *= -1
+        if len(state.forces) > len(contacts):
+            state.forces[-1] = motion.system.foundation_force((u0 + u1) / 2 + motion.beta / (state.t - before.t) * (u1 - u0))
 
     def strain_energy(self, state: MotionState) -> float:
         return self.motion.energy(state.u)

@@ -63,6 +63,13 @@ class Stepper(ABC):
     def step(self, state: MotionState, t: float) -> None:
         """Advance the state to time `t`, in place. Raise StepFailed if no state is found, or StateError if numbers overflow."""
 
+    def store_forces(self, before: MotionState, state: MotionState) -> None:
+        """Store the forces of contacts and foundations on the body in the state, as the last step from `before` used them.
+
+        By default they are those at its end.
+        """
+        self.motion.store_forces(state)
+
     @abstractmethod
     def strain_energy(self, state: MotionState) -> float:
         """Return the strain energy of the last state [J], of the terms that have one."""
@@ -85,6 +92,8 @@ class Integrator(ABC):
         Whether a step with opposite velocities leads back.
     explicit
         Whether it needs forces only, at steps below a limit.
+    mean
+        Whether forces are means over the step; otherwise they are those at its ends.
     conserves_reduced
         Value of `conserves` for a motion on the basis of a `ReducedSystem`, which is constrained and does not conserve momenta;
         None if the integrator does not support such motions.
@@ -94,6 +103,7 @@ class Integrator(ABC):
     conserves: ClassVar[frozenset[str]]
     reversible: ClassVar[bool]
     explicit: ClassVar[bool]
+    mean: ClassVar[bool] = False
     conserves_reduced: ClassVar[frozenset[str] | None] = None
 
     dt: float | None
