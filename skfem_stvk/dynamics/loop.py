@@ -202,7 +202,7 @@ class Loop:
         setup, record = self.setup, self.record
         setup.motion.body.return_to(record.history)
         u, v = (setup.motion.states.expand(x) for x in (record.state.u, record.state.v))
-        findings = (*self._monitors.at(u), *contact_findings(setup.motion.system, record.ledger))
+        findings = (*self._monitors.at(u), *contact_findings(setup.motion.system, record.ledger, u))
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
             status = Status.ENDED_INVERTED
         message = self._units.text(self._message(status, detail, cause, findings))

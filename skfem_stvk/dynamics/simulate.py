@@ -19,6 +19,7 @@ from ..system.coordinates import Coordinates
 from ..system.divided import refuse_divided
 from ..system.protocol import ReducedLike, checked_system
 from ..terms.load import Moment
+from ..terms.protocols import set_time
 from .damping import Damping
 from .integrators import Integrator
 from .ledger import Ledger
@@ -251,8 +252,8 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
             "ramp. Prescribe a function of t that starts at u0, or start from an equilibrium: u0=solve_static(...).u."
         )
         raise SupportError(system.units.text(text))
-    if u0 is not None:
-        system.refuse_start(u)
+    set_time(system.bound_terms, moment)
+    system.refuse_start(u)
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)

@@ -69,7 +69,7 @@ class Iterations:
     restarted
         Number of full-step iterations before the method restarted with the line search; None if it did not restart.
     detail
-        Description of a failure.
+        Description of a failure, or a remark on the state.
     """
 
     residuals: list[float] = field(default_factory=list)
@@ -141,6 +141,7 @@ class _Descent:
                 self._options.watch(record)
                 end = equilibrium_end(problem, u, t, residual, before, rtol)
                 if end is not None:
+                    record.detail = ""
                     if len(record):  # each iteration has factorised an exact tangent, even if the step used another tangent
                         record.negative_pivots = problem.negative_pivots()
                     return u, end

@@ -10,11 +10,13 @@ from time import perf_counter
 from typing import Any, ClassVar
 
 from ..arguments import Array
+from ..mesh.displacements import by_vertex
 from ..nonlinear.eigen import lowest_mode
 from ..nonlinear.newton import End, Iterations, NewtonOptions, newton
 from ..nonlinear.outcome import Status
 from ..nonlinear.stability import stability_of
 from ..results.monitors import Monitors
+from ..results.penetration import contact_findings_at
 from .critical import CriticalPoint, Point, find
 from .equilibrium import Equilibrium
 from .history import Attempt, Step
@@ -131,7 +133,17 @@ class Continuation(ABC):
             return blocked
         watch = partial(self._options.iterating, t)
         u, end, record = newton(self.problem, start, t, NewtonOptions(self._rtol, self._allowed, full_first, watch))
-        return (u, end, record) if end.converged else Attempt(t, end, record)
+        if not end.converged:
+            return Attempt(t, end, record)
+        if passed := self._passed_shape(u):
+            record.detail = f"{passed!r}"
+            return Attempt(t, End.CONTACT, record)
+        return u, end, record
+
+    def _passed_shape(self, u: Array) -> str:
+        """Return the name of a contact whose moving shape points pass through on the way from the last state; "" if there is none."""
+        ends = [by_vertex(self.problem.system.mesh, state) for state in (self.u, u)] if self.problem.system.contacts else []
+        return next((one.name for one in self.problem.system.contacts if one.shape is not None and one.passes(*ends)), "")
 
     def _blocked(self, u: Array, t: float, record: Iterations) -> Attempt | None:
         """Return a failed attempt if `u` has more inverted elements than allowed, or cannot be reached on a straight line."""
@@ -170,6 +182,7 @@ class Continuation(ABC):
             critical = () if before is None else find(problem, before, point, False, self._rtol)
         status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
         energies, smallest = problem.energies(u, t), problem.system.smallest_volume_ratio(full)
-        findings, now, clock = self._options.monitors.at(full), perf_counter(), self._clock
+        findings = (*self._options.monitors.at(full), *contact_findings_at(problem.system, full))
+        now, clock = perf_counter(), self._clock
         self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
         return Step(t, full, status, end, record, *energies, smallest, lowest, jump, findings, critical, now - clock)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import overload
 
@@ -142,6 +142,11 @@ class History(Sequence[Step]):
     def set_last_status(self, status: Status) -> None:
         """Set the final status of the last state, after the end of the solve."""
         self._steps[-1] = replace(self._steps[-1], status=status)
+
+    def add_findings(self, findings: Iterable[Finding]) -> None:
+        """Add findings on the whole path to its last state."""
+        last = self._steps[-1]
+        self._steps[-1] = replace(last, findings=(*last.findings, *findings))
 
     @overload
     def __getitem__(self, i: int) -> Step: ...

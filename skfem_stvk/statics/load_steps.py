@@ -9,8 +9,10 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import StateError
-from ..nonlinear.newton import MOST_FULL, NewtonOptions, newton, usable
+from ..nonlinear.newton import MOST_FULL, End, Iterations, NewtonOptions, newton, usable
+from ..nonlinear.eigen import lowest_mode
 from ..nonlinear.problem import Tangent
+from ..nonlinear.stability import stability_of
 from .continuation import SMALLEST, Continuation, ContinuationOptions
 from .equilibrium import Equilibrium
 from .history import JUMPED, Attempt, Step
@@ -24,6 +26,13 @@ FAR, LOOSE = 2.0, 1e-6
 STRAIGHT = 0.1
 #: Two states lie on one path if each is this near to the prediction by the tangent at the other, relative to the predicted change.
 NEAR = 0.5
+#: Push along the mode of an unstable state, as a part of the distance below which surfaces repel each other.
+PUSH = 0.1
+#: Remark on the state that a push leads to.
+SETTLED = (
+    "The equilibrium found first is unstable, but only between the facets of a contact: pushed along its mode, the body came to rest "
+    "{moved:.2g} {m} away, less than half of the contact's distance. This state is the result."
+)
 #: Largest number of halvings of a step, and of intermediate states.
 MOST_HALVINGS, MOST_SOLVES = 6, 16
 
@@ -78,7 +87,32 @@ class LoadSteps(Continuation):
         if len(record) <= FEW:
             self._size = min(GROWTH * self._size, LARGEST * self._first)
         self.reached = t == 1
+        if self.reached:
+            u, end, record = self._settled(t, u) or found
         return self._accept(t, u, end, record, jump=jump)
+
+    def _settled(self, t: float, u: Array) -> tuple[Array, End, Iterations] | None:
+        """Return the stable state near an unstable one to which pushes along its lowest mode lead; None if there is none.
+
+        Where surfaces slip from vertex to vertex, the energy of their barrier falls by a small amount and rises again. Without
+        friction, K then has a negative eigenvalue, but the body moves less than the surfaces are apart. Both directions of the mode
+        must lead to such a state.
+        """
+        problem, mesh = self.problem, self.problem.system.mesh
+        distance = min((getattr(contact, "distance", np.inf) for contact in problem.system.contacts), default=np.inf)
+        if np.isinf(distance) or stability_of(problem, u, t).stable:
+            return None
+        mode, states = lowest_mode(problem, u, t).vector, []
+        for push in (PUSH * distance, -PUSH * distance):
+            found = self._newton(u + push / np.abs(mode).max() * mode, t, False)
+            if isinstance(found, Attempt):
+                return None
+            moved = np.linalg.norm((found[0] - u).reshape(-1, mesh.d), axis=1).max()
+            if moved > distance / 2 or not stability_of(problem, found[0], t).stable:
+                return None
+            found[2].detail = SETTLED.format(moved=moved, m=problem.system.units.of("m"))
+            states.append(found)
+        return states[0]
 
     def _equilibrium(self, before: PathState, start: Array, t: float) -> Array | None:
         """Find the state at `t` after the state `before`, to the precision needed to detect a jump; None if it is not found."""

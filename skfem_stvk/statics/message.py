@@ -112,7 +112,8 @@ def reason(ending: Ending) -> str:
     end = f"the path is followed to its end at t = {t:.6g}" if ending.method == ArcLength.name else "the full load is reached"
     doubt = f" {verdict.doubt}" if verdict.doubt else ""
     rounding = "" if status is Status.CONVERGED else " as far as rounding allows"
-    seen = f"{doubt}{_jumped(history)}{_critical(history)}{_found(history)}"
+    remark = history[-1].iterations.detail
+    seen = f"{' ' * bool(remark)}{remark}{doubt}{_jumped(history)}{_critical(history)}{_found(history)}"
     return f"Converged: {end}{rounding}, residual {residual:.1e} of loads and reactions.{seen}"
 
 

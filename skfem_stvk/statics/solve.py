@@ -20,6 +20,7 @@ from ..nonlinear.stability import Verdict, stability_of
 from ..nonlinear.stopwatch import Stopwatch
 from ..results.files import OutputFiles
 from ..results.monitors import Monitors
+from ..results.penetration import short_on_path
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.divided import refuse_divided
@@ -254,8 +255,7 @@ def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
     start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
     system.elastic_energies(start)  # raises an error on overflow
     set_time(system.bound_terms, t0)
-    if u0 is not None:
-        system.refuse_start(start)
+    system.refuse_start(start)
     system.check_held(start)
     return start
 
@@ -364,6 +364,8 @@ class _Solve:
             found = history[-1].end.status if self._verdict.stable else Status.UNSTABLE
             status = Status.INVERTED if len(inverted) else found
             history.set_last_status(status)
+        if self._system.contacts and len(history):
+            history.add_findings(short_on_path(self._system, history.t, history.u))
         message = reason(
             Ending(
                 system=self._system,

@@ -15,6 +15,7 @@ from ..edges import ALL, NodeBlocks, Tensions
 from ..errors import ContactError, StvkError, name_ids
 from ..mesh import ElementMesh
 from ..mesh.diagnostics import parts
+from ..mesh.facets import linked
 from ..mesh.locations import Where
 from .body import Body
 from .contact_surface import elements_behind, pieces_of, remaining_surface, surface_at, young_of
@@ -188,8 +189,8 @@ class BoundMeshContact:
 
     Attributes
     ----------
-    contact, name
-        Specification, and its name.
+    contact, name, distance
+        Specification, its name and its distance.
     balanced
         Whether the forces on the body add up to zero: with a rigid surface they do not.
     nodes
@@ -204,6 +205,7 @@ class BoundMeshContact:
 
     def __init__(self, contact: MeshContact, body: Body) -> None:
         self.contact, self.name, self._body = contact, contact.name, body
+        self.distance = contact.distance
         self.assumed: Assumption = None
         self.pattern_version, self._remembers, self._time = 0, False, 0.0
         self._keys = np.empty(0, dtype=np.int64)  # a nv + b of the pairs of nodes a < b in K, ascending
@@ -280,7 +282,13 @@ class BoundMeshContact:
                 f"the start, first the edge of {edge} and the {'triangle' if self._d == 3 else 'edge'} of {other}; expected "
                 "surfaces apart. Move the bodies, or mesh them again."
             )
-        inside = self._inside(x)
+        positions = self._body.mesh.p.T + u
+        if len(within := self._rigid_inside(positions)):
+            raise ContactError(
+                f"{self.contact.label}: the RigidMesh at {tuple(within[0].round(6).tolist())} inside the body at the start; expected it "
+                "outside. Move the body or the surface."
+            )
+        inside = self._inside(positions)
         if len(inside):
             other = "another part of the body" if self._rigid is None else "the RigidMesh"
             turn = "" if self._rigid is None else ", or reverse the order of the vertices if the body belongs on this side"
@@ -296,11 +304,20 @@ class BoundMeshContact:
             return f"nodes {tuple(self._nodes[vertices].tolist())}"
         return f"the RigidMesh from {tuple(self._X[vertices[0]].round(6).tolist())}"
 
-    def _inside(self, x: Array) -> NDArray[np.int64]:
+    def _rigid_inside(self, p: Array) -> Array:
+        """Return points (n, d), one of each part of the RigidMesh at most, that are inside the elements with nodes at `p` (nv, d)."""
+        mesh = self._body.mesh
+        if self._rigid is None or mesh.k < self._d:
+            return np.empty((0, self._d))
+        ends = self._rigid_simplices[:, 1:]
+        part = linked(self._rigid_simplices[:, :1].repeat(ends.shape[1], axis=1).ravel(), ends.ravel(), len(self._rigid_points))
+        probes = self._rigid_points[np.unique(part, return_index=True)[1]]
+        return probes[np.abs(winding_numbers(probes, p[pieces_of(mesh.surface, self._d)])) > 0.5]
+
+    def _inside(self, p: Array) -> NDArray[np.int64]:
         """Return nodes, one of each part of the surfaces at most, that are inside the elements of another part."""
         mesh = self._body.mesh
-        part, p = parts([mesh]), mesh.p.T.copy()
-        p[self._nodes] = x[: len(self._nodes)]
+        part = parts([mesh])
         numbers, first = np.unique(part[self._nodes], return_index=True)
         probes = self._nodes[first]
         inside = np.zeros(len(probes), dtype=bool)
@@ -574,6 +591,21 @@ class MeshContactWithFriction(BoundMeshContact):
     def _stiffness_at(self, xs: tuple[Array, ...], clamped: bool) -> csr_matrix:
         K, slip = super()._stiffness_at(xs, clamped), self._slip(xs[-1])
         return K if slip is None else K + len(xs) * self._barrier.friction_stiffness(*slip)
+
+    def missing_friction(self, u: Array) -> tuple[Array, float]:
+        """Return the friction (n, d) that the nodes of the first surface lack, and the largest friction there [N]."""
+        x = self._moved(u)
+        slip = self._slip(x)
+        if slip is None or self._start is None:
+            return np.zeros((0, self._d)), 0.0
+        barrier, coefficient, at = self._barrier, self._friction.coefficient, self._collisions(x)
+        on_first, states = np.isin(self._nodes, self.nodes), (at, self._collisions(self._moved(self._start)))
+        used, present = (
+            self._on_body(barrier.friction(one, *slip[1:]))[on_first]
+            for one in (slip[0], barrier.rubbing(at, coefficient))
+        )
+        normal = max(np.linalg.norm(self._on_body(barrier.force(state))[on_first], axis=1).sum() for state in states)
+        return present - used, coefficient * normal
 
     def predict(self, u: Array) -> None:
         """Do nothing: linear steps are refused."""

@@ -267,7 +267,7 @@ class HasContact(Protocol):
         """Return the largest `s` up to which nothing passes through anything on the way `u + s v`, or infinity."""
 
     def refuse_start(self, u: Array) -> None:
-        """Raise ContactError if surfaces intersect at `u` (nv, d), or lie inside each other."""
+        """Raise ContactError if surfaces intersect at `u` (nv, d), lie inside each other or on the wrong side."""
 
     def passes(self, u0: Array, u1: Array) -> bool:
         """Return whether something passes through something on the way from `u0` to `u1` (nv, d) over the present step."""
@@ -281,15 +281,26 @@ class CanPenetrate(Protocol):
     ----------
     name
         Name in results and messages.
-    edge
-        Mean length of the edges of its facets at rest [m].
+    edge, shortest_edge
+        Mean length of the edges of its facets at rest, and that of its smallest facet [m].
     """
 
     name: str
     edge: float
+    shortest_edge: float
+
+    @property
+    def shape(self) -> RigidShape:
+        """Rigid shape, displaced as at present."""
 
     def smallest_gap(self, u: Array) -> float:
         """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
+
+    def depth_within(self, u: Array) -> float:
+        """Return the largest depth [m] of nodes at `u` (nv, d), if a connected part of the body lies within the shape, otherwise 0.
+
+        Such a part has no node outside the shape, and nodes deeper than half of its size.
+        """
 
 
 @runtime_checkable
@@ -306,6 +317,9 @@ class DoesWork(Protocol):
 
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return the work [J] on the body, and the dissipated energy, from the last accepted state `u0` (nv, d) to `u1`."""
+
+    def missing_friction(self, u: Array) -> tuple[Array, float]:
+        """Return the friction at `u` with the normal forces there, less that with those of the last state, and the largest [N]."""
 
     def predict(self, u: Array) -> None:
         """Make friction linear, with the force per slip at `u` (nv, d), until the next state is accepted: for linear steps."""

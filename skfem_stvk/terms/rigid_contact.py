@@ -17,6 +17,7 @@ from ..kernels import contact as kernels
 from ..kernels.contact import Surface
 from ..kernels.topology import edges_of_simplices
 from ..mesh import ElementMesh
+from ..mesh.diagnostics import parts
 from ..mesh.locations import Where
 from ..mesh.points import sizes_of
 from .body import Body
@@ -31,6 +32,8 @@ from .spread import Spread
 STIFFNESS = 10.0
 #: Gap of nodes that touch at the start of a static solve, as a fraction of the size of the body.
 TOUCHING = 1e-6
+#: Depth of points in the middle of a shape, as a fraction of its thickness, less round-off.
+HALFWAY = 0.5 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,8 +159,8 @@ class BoundRigidContact:
         (n, nq) areas of the points at rest [m^2].
     nodes, nodes_paired
         Nodes (m,) of the facets, and pairs (2, n) of nodes of a facet with points between them.
-    edge
-        Mean length of the edges of the facets at rest [m].
+    edge, shortest_edge
+        Mean length of the edges of all facets at rest, and that of the smallest facet [m].
     """
 
     symmetric = has_energy = True
@@ -169,7 +172,8 @@ class BoundRigidContact:
         self._shape, self._shift = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
         self.assumed: Assumption = None
         self._facets, self._element = surface_at(body, contact.where, contact.label, contact.simplices)
-        self.edge = float(_edge_lengths(contact, body, self._facets, self._element).mean())
+        edges = _edge_lengths(contact, body, self._facets, self._element)
+        self.edge, self.shortest_edge = float(edges.mean()), float(edges.min())
         self._set_areas(body)
         N, t, X = self._surface
         self.nodes = np.unique(t).astype(np.int32)
@@ -245,7 +249,33 @@ class BoundRigidContact:
         return float(kernels.step_limit(self._surface, self._shape, self._shift, np.zeros(3), u, v))
 
     def refuse_start(self, u: Array) -> None:
-        """Do nothing: points in a shape are pushed out."""
+        """Raise ContactError if a part of the body lies within the shape at `u` (nv, d), or points are halfway through it.
+
+        Other points in a shape are pushed out.
+        """
+        if (depth := self.depth_within(u)) > 0:
+            raise ContactError(
+                f"{self.contact.label}: no node of the body is outside the {self.shape.name} at the start, and the deepest is "
+                f"{depth:.4g} m within; expected the body outside. Reverse the normal (inside=... of spheres and cylinders), or move "
+                "the body."
+            )
+        if (depth := -self.smallest_gap(u)) > HALFWAY * self.shape.thickness:
+            raise ContactError(
+                f"{self.contact.label}: points are {depth:.4g} m deep in the {self.shape.name} at the start, halfway through it, "
+                "where no direction leads out; expected them nearer to its surface. Move the body or the shape."
+            )
+
+    def depth_within(self, u: Array) -> float:
+        """Return the largest depth [m] of nodes of a connected part that lies within the shape at `u` (nv, d), otherwise 0."""
+        part, every = parts([body.mesh for body in (self._body, *self._body.beside)]), np.arange(len(u), dtype=np.int32)
+        at_nodes = Surface(np.ones((1, 1)), every[:, None], self._surface.X)
+        gaps = self._gaps(at_nodes, np.zeros((len(u), 1)), u)[0][:, 0]
+        largest, smallest = np.full(part.max() + 1, -np.inf), np.full(part.max() + 1, np.inf)
+        np.maximum.at(largest, part, gaps)
+        np.minimum.at(smallest, part, gaps)
+        size = np.maximum(largest - smallest, self.edge)  # flat parts have no size across the shape
+        within = (largest <= TOUCHING * size) & (smallest < -size / 2)
+        return float(-smallest[part[self.nodes]].min(initial=0.0, where=within[part[self.nodes]]))
 
     def passes(self, u0: Array, u1: Array) -> bool:
         """Return whether a point gets halfway through the moving shape, or farther, on the way from `u0` to `u1` (nv, d)."""
@@ -404,6 +434,18 @@ class RigidContactWithHistory(BoundRigidContact):
         if self._slips:
             kernels.add_friction(self._surface, *self._slipped, self._secants, u1, sum(weights), force)
         return super().mean_force(u0, u1, weights, theta, force)
+
+    def missing_friction(self, u: Array) -> tuple[Array, float]:
+        """Return the friction (n, 3) that points slipping by more than the width lack, and the largest friction of all points [N]."""
+        if not self._slips or self.contact.friction is None:
+            return np.zeros((0, 3)), 0.0
+        past, now, e = self._past, np.empty_like(self._past), self.contact.onset
+        kernels.remember(self._surface, self._weights, self._shape, self._shift, e, u, self.contact.friction.coefficient, now)
+        change, normals = now[..., :3] - past[..., :3], past[..., 4:]
+        across = change - (change * normals).sum(axis=2, keepdims=True) * normals
+        slip = np.linalg.norm(across, axis=2)
+        missing = (now - past)[..., 3] / np.where(slip > self._width, slip, np.inf)
+        return (missing[..., None] * across).reshape(-1, 3), max(now[..., 3].sum(), past[..., 3].sum())
 
     def predict(self, u: Array) -> None:
         """Use the force per slip at `u` (nv, d) for all slips until the next state is accepted."""

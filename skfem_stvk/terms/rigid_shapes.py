@@ -41,6 +41,11 @@ class RigidShape(Specification, ABC):
         """Name in messages."""
         return type(self).__name__
 
+    @property
+    def thickness(self) -> float:
+        """Smallest width of the shape [m]; infinity if it has no other side."""
+        return np.inf
+
     @abstractmethod
     def numbers(self) -> NDArray[np.float64]:
         """Return the numbers of the shape for the kernels."""
@@ -138,6 +143,10 @@ class RigidSphere(RigidShape):
         object.__setattr__(self, "radius", self._positive("radius"))
         object.__setattr__(self, "inside", flag(f"{self.name}: inside", self.inside, ContactError))
 
+    @property
+    def thickness(self) -> float:
+        return np.inf if self.inside else 2 * self.radius
+
     def numbers(self) -> NDArray[np.float64]:
         return self._packed(self.centre, (), self.radius, self.inside)
 
@@ -184,6 +193,10 @@ class RigidCylinder(RigidShape):
         object.__setattr__(self, "radius", self._positive("radius"))
         object.__setattr__(self, "inside", flag(f"{self.name}: inside", self.inside, ContactError))
 
+    @property
+    def thickness(self) -> float:
+        return np.inf if self.inside else 2 * self.radius
+
     def numbers(self) -> NDArray[np.float64]:
         return self._packed(self.point, self.axis, self.radius, self.inside)
 
@@ -225,6 +238,10 @@ class RigidBox(RigidShape):
         expected = f"0 to {most:g}, half of the shortest side"
         radius = number("RigidBox: radius", self.radius, expected, 0.0, most, closed=True, error=ContactError)
         object.__setattr__(self, "radius", radius)
+
+    @property
+    def thickness(self) -> float:
+        return float(np.subtract(self.high, self.low).min())
 
     def numbers(self) -> NDArray[np.float64]:
         half = np.full(3, np.inf)
