@@ -226,6 +226,8 @@ class LedgerWriter:
             np.copyto(self._u, state.u)
             np.copyto(self._v, state.v)
             self._driving_force = self.motion.driving_force(state.u, state.t)
+            if self.motion.system.without_energy and not self._mean:
+                self._driving_force += self.motion.force_without_energy(state.u)
 
     def add_work(self, state: MotionState) -> None:
         """Add the work of driving forces and the energy lost to damping since the previous state."""
@@ -234,6 +236,8 @@ class LedgerWriter:
         motion, before, since = self.motion, self._driving_force, self._t
         self.dissipated += motion.dissipated(self._u, state.u, state.t - since)
         change = state.u - self._u
+        if motion.system.without_energy and self._mean:
+            self.external += motion.states.dot(motion.force_without_energy(self._u + change / 2), change)
         if motion.moving:  # prescribed degrees of freedom do not move with the mean of their velocities
             fixed = motion.free.fixed
             impulse, apart = motion.mass.multiply(state.v - self._v), (state.v + self._v) / 2 - change / (state.t - since)

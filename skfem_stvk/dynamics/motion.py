@@ -94,7 +94,7 @@ class Motion:
         return self.pushed or bool(self.system.without_energy) or not all(map(_keeps_energy, self.system.bound_loads))
 
     def driving_force(self, u: Array, t: float) -> Array:
-        """Return the force [N] of inputs, of loads that change with time or have no potential, and of terms without energy."""
+        """Return the force [N] of inputs, and of loads that change with time or have no potential."""
         if self.constant_loads is not None and not self.driven:
             return np.zeros(self.states.n)
         system, moment = self.system, self.moment(t)
@@ -103,15 +103,18 @@ class Motion:
         for load in system.bound_loads:
             if not _keeps_energy(load):
                 load.add_force(x, moment, force)
-        for term in system.bound_terms:
-            if not term.has_energy:
-                internal = np.zeros_like(force)
-                term.energy_and_force(x, internal)
-                force -= internal
         driving = self.states.restrict(self.system.space.share(force).ravel())
         if self.inputs is not None and self.inputs.pushes:
             self.inputs.add_forces(t, driving)
         return driving
+
+    def force_without_energy(self, u: Array) -> Array:
+        """Return the force [N] of the terms without energy on the body."""
+        internal = np.zeros(self.system.mesh.p.T.shape)
+        for term in self.system.bound_terms:
+            if not term.has_energy:
+                term.energy_and_force(by_vertex(self.system.mesh, self.states.expand(u)), internal)
+        return -self.states.restrict(self.system.space.share(internal).ravel())
 
     def add_up(self, state: MotionState, sums: Array) -> float:
         """Return the potential [J] of steady loads. Write twice the kinetic energy, linear and angular momentum to `sums` (8,)."""

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+
+from ..arguments import Array
 from ..errors import warn
 from ..nonlinear.newton import End
 from .integrators import Integrator, StepFailed
@@ -80,13 +83,15 @@ class Steps:
             if not self.halvings:
                 raise
             before, history = state.copy(), self._record.history
+            impulses = np.zeros_like(state.reaction), np.zeros_like(state.forces)
             try:
-                self._halves(state, t, 1)
+                self._halves(state, t, 1, impulses)
             except StepFailed:
                 state.copy_from(before)
                 self._record.history = history
                 self._motion.body.return_to(history)
                 raise
+            state.reaction, state.forces = (impulse / (t - before.t) for impulse in impulses)
             self._consecutive += 1
             if self._consecutive == MANY:
                 text = f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent."
@@ -95,14 +100,19 @@ class Steps:
         self._consecutive = 0
         return False
 
-    def _halves(self, state: MotionState, t: float, depth: int) -> None:
+    def _halves(self, state: MotionState, t: float, depth: int, impulses: tuple[Array, Array]) -> None:
+        """Advance to time `t` in two parts or more, and add those of the forces on the body to the `impulses`."""
         for end in ((state.t + t) / 2, t):
+            begin = state.t
             try:
                 self._part(state, end)
             except StepFailed:
                 if depth == self.halvings:
                     raise
-                self._halves(state, end, depth + 1)
+                self._halves(state, end, depth + 1, impulses)
+            else:
+                for impulse, force in zip(impulses, (state.reaction, state.forces), strict=True):
+                    impulse += (end - begin) * force
 
     def _part(self, state: MotionState, t: float) -> None:
         """Make one step of the integrator. Terms with history store the state at its beginning, unless it fails."""

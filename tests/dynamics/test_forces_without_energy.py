@@ -73,7 +73,8 @@ def test_missing_energies_are_nan_and_the_rest_balances(law, mixed, integrator):
     np.testing.assert_array_equal(known, known_total(ledger))
     gained = known - known[0] - ledger["external_work"]
     assert ledger["closure_error"] == pytest.approx(gained, abs=1e-15)
-    size, lost = ledger["kinetic_energy"].max(), 0.3 if "Euler" in integrator else 5e-3
+    lost = 1e-12 if integrator == "EnergyMomentum" else 0.3 if "Euler" in integrator else 5e-3  # the force at the middle is its own
+    size = ledger["kinetic_energy"].max()
     assert np.abs(gained).max() < lost * size and np.abs(ledger["external_work"]).max() > 0.02 * size
 
 

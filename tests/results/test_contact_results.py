@@ -11,14 +11,23 @@ from meshio import read
 from scipy.spatial.transform import Rotation
 
 from skfem_stvk import (
+    BackwardEuler,
+    EdgeDamping,
+    ElasticFoundation,
     EnergyMomentum,
+    ForwardEuler,
     Friction,
+    GeneralizedAlpha,
     Gravity,
+    LinearBackwardEuler,
     MeshContact,
     NeoHookean,
+    Newmark,
+    Rayleigh,
     RigidBox,
     RigidContact,
     RigidCylinder,
+    RigidMesh,
     RigidPlane,
     RigidSphere,
     Simulation,
@@ -383,3 +392,105 @@ def test_films_of_scenes_have_the_shapes_of_each_state(tmp_path, monkeypatch, me
 def test_values_at_nodes_are_no_request():
     with pytest.raises(StvkError, match=r"no field 'gap' of elements\. It has values at nodes: files contain it"):
         names.find_all(["gap"])
+
+
+# forces in motions are those of the steps
+
+MESHES = {"tetrahedra": box((0.1, 0.12, 0.1), (2, 2, 2)), "hexahedra": box((0.1, 0.12, 0.1), (2, 2, 2), "hexahedra")}
+EVERY = [ForwardEuler(), VelocityVerlet(), *(make(1e-3, rtol=1e-13) for make in (BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum))]
+TANGENTS = [LinearBackwardEuler(1e-3, tangent=one, rtol=1e-13) for one in ("exact", "clamped", "gauss-newton", "warped")]
+
+
+def thrown(mesh, *terms, integrator, until=0.08, friction=None, **options):
+    """Return the motion of a heterogeneous block that meets a slanted plane on a few nodes, and leaves it again."""
+    law = NeoHookean(young=3e4 * (1 + np.arange(mesh.nt) % 3), poisson=0.3, density=1000.0 + 100.0 * (np.arange(mesh.nt) % 2))
+    plane = RigidContact(RigidPlane((0, 0, -2e-3), (0.1, 0.05, 1)), lambda x: x[2] == 0, name="floor", friction=friction, stiffness=3e7)
+    system = System(mesh, [law, plane, *terms])
+    return simulate(system, integrator, until=until, v0=np.tile([0.1, 0.05, -1.0], mesh.nv), quiet=True, **options)
+
+
+def momenta(run):
+    return np.stack([run.ledger[f"linear_momentum_{axis}"] for axis in "xyz"], axis=1)
+
+
+def impulse(run, name="contact floor"):
+    forces = np.stack([run.ledger[f"{name} {axis}"] for axis in "xyz"], axis=1)
+    return (forces[1:] * np.diff(run.ledger["time"])[:, None]).sum(axis=0)
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+@pytest.mark.parametrize("integrator", [*EVERY, *TANGENTS], ids=str)
+def test_the_impulse_of_a_contact_is_the_change_of_momentum(integrator, mesh):
+    run = thrown(MESHES[mesh], integrator=integrator)
+    change = np.diff(momenta(run)[[0, -1]], axis=0)[0]
+    assert change[2] > 1.0 and not run.ledger["contact floor z"][[0, -1]].any() and run.success
+    np.testing.assert_allclose(impulse(run), change, rtol=0, atol=1e-8 * change[2])
+
+
+@pytest.mark.parametrize("mesh", MESHES)
+def test_diagonal_blocks_of_a_contact_act_as_the_equation_has_them(mesh):
+    """Without the forces of the elements, those of the contact are left at each node."""
+    system = thrown(MESHES[mesh], integrator=EVERY[0], until=0.01).system
+    law = System(MESHES[mesh], [term for term in system.terms if not isinstance(term, RigidContact)])
+    sim = Simulation(system, LinearBackwardEuler(1e-3, tangent="diagonal"), v0=np.tile([0.1, 0.05, -1.0], MESHES[mesh].nv))
+    for _ in range(8):
+        u, v = sim.u, sim.v
+        sim.step()
+    w = (sim.u - u).reshape(-1, 3)
+    own = law.internal_force(u) + np.einsum("nij,nj->ni", law.linear_operator(u).diagonal_blocks(), w).ravel()
+    force = sim.contact("floor").force.ravel()
+    assert force.max() > 5.0
+    np.testing.assert_allclose(force, law.mass().multiply(sim.v - v) / 1e-3 + own, rtol=0, atol=1e-9 * force.max())
+
+
+@pytest.mark.parametrize("rub", [False, True], ids=["smooth", "rough"])
+@pytest.mark.parametrize("integrator", [EnergyMomentum(1e-3), LinearBackwardEuler(1e-3, rtol=1e-13)], ids=["EM", "eq. 9"])
+def test_forces_of_contact_friction_and_foundations_are_the_rate_of_momentum(integrator, rub):
+    """In each step, with damping, too."""
+    bed = ElasticFoundation(lambda x: x[2] == 0.1, (3e4, 2e4, 1e4))
+    options = {"damping": Rayleigh(beta=1e-4), "reactions": {"bed": None}}
+    friction = Friction(0.3, slip_speed=0.3) if rub else None
+    run = thrown(MESHES["tetrahedra"], bed, integrator=integrator, friction=friction, until=0.02, **options)
+    rate = np.diff(momenta(run), axis=0) / np.diff(run.ledger["time"])[:, None]
+    forces = sum(np.stack([run.ledger[f"{name} {axis}"] for axis in "xyz"], axis=1)[1:] for name in ("contact floor", "reaction bed"))
+    np.testing.assert_allclose(forces, rate, rtol=0, atol=1e-8 * np.abs(rate).max())
+
+
+def test_the_impulse_between_meshes_is_the_change_of_momentum():
+    """A damped block meets a rigid mesh. Steps are cut into parts."""
+    floor, mesh = box((2, 2, 0.1), (1, 1, 1), origin=(-1, -1, -0.102)), box((0.1, 0.1, 0.1), (1, 1, 1))
+    contact = MeshContact(lambda x: x[2] == 0, RigidMesh((floor.p, floor.surface)), distance=1e-3, name="floor", stiffness=1e6)
+    v0 = np.tile([0.1, 0.0, -1.0], mesh.nv)
+    run = simulate(System(mesh, [LAW, contact]), EnergyMomentum(2e-3), until=0.03, v0=v0, damping=EdgeDamping(1e-4), quiet=True)
+    change = np.diff(momenta(run)[[0, -1]], axis=0)[0]
+    assert change[2] > 0.5 and run.cuts and not run.ledger["contact floor z"][[0, -1]].any()
+    np.testing.assert_allclose(impulse(run), change, rtol=0, atol=1e-8 * change[2])
+
+
+@pytest.mark.parametrize("integrator", [EnergyMomentum(1e-3), LinearBackwardEuler(1e-3), VelocityVerlet(1e-4)], ids=["EM", "eq. 9", "Verlet"])
+def test_a_resumed_run_has_the_forces_of_its_last_step(integrator, tmp_path):
+    options = {"integrator": integrator, "until": 0.01}
+    friction = Friction(0.3, slip_speed=0.3)
+    run = thrown(MESHES["tetrahedra"], friction=friction, checkpoint=tmp_path / "folder", save=tmp_path / "run.pvd", every=1, **options)
+    again = thrown(MESHES["tetrahedra"], friction=friction, checkpoint=tmp_path / "folder", resume=True, **options)
+    own = run.contact("floor")
+    np.testing.assert_array_equal(again.contact("floor").force, own.force)
+    np.testing.assert_array_equal(own.resultant, [run.ledger[f"contact floor {axis}"][-1] for axis in "xyz"])
+    assert own.resultant[2] > 10.0
+    np.testing.assert_array_equal(read(listed_states(tmp_path / "run.pvd")[-1][1]).point_data["contact_force"], own.force)
+    np.testing.assert_array_equal(run.state.nodal["contact_force"], own.force)
+
+
+def test_a_simulation_reports_and_restores_the_force_of_its_step():
+    lid = RigidContact(RigidPlane((0, 0, 0.1), (0, 0, -1)), lambda x: x[2] == 0.1, name="lid", stiffness=1e8)
+    body = System(CUBE, [LAW, lid], fixed={lambda x: x[2] == 0: "xyz"})
+    sim = Simulation(body, EnergyMomentum(dt=1e-3), moved=["lid"], ledger=True)
+    sim.step(lid=(0, 0, -1e-3))
+    saved, before, first = sim.copy_state(), sim.v, sim.contact("lid").force
+    sim.step(lid=(0, 0, -2e-3))
+    rate = body.mass().multiply(sim.v - before).reshape(-1, 3).sum(axis=0) / 1e-3
+    floor = np.unique(np.flatnonzero(CUBE.p[2] == 0))
+    reaction = sim._record.state.reaction.reshape(-1, 3)[floor].sum(axis=0)
+    np.testing.assert_allclose(sim.contact("lid").resultant + reaction, rate, rtol=0, atol=1e-8 * np.abs(rate).max())
+    sim.restore(saved)
+    np.testing.assert_array_equal(sim.contact("lid").force, first)

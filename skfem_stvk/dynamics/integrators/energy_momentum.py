@@ -89,9 +89,6 @@ class EnergyMomentum(Implicit):
     def update(self, state: MotionState, w: Array, h: float) -> None:
         np.subtract(_rate(h) * w, state.v, out=state.v)
 
-    def displacements_to(self, state: MotionState, v: Array, h: float) -> Array:
-        return (v + state.v) / _rate(h)
-
 
 @lru_cache(maxsize=256)
 def _rate(h: float) -> float:

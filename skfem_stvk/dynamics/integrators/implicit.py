@@ -102,13 +102,6 @@ class Implicit(Integrator):
         On entry, `state.u` is still that before the step.
         """
 
-    def displacements_to(self, state: MotionState, v: Array, h: float) -> Array | None:
-        """Return the displacements over a step of length `h` with which `update` leads to velocities `v`.
-
-        None, the default, if prescribed degrees of freedom have the velocity `w / h`.
-        """
-        return None
-
     #: Factor from the reactions of the solved equation to those of the equation of motion, if reactions are computed from the
     #: former.
     weight: ClassVar[float] = 1.0
@@ -130,7 +123,7 @@ class ImplicitStepper(Stepper):
         self.problem = StepProblem(motion, self._matrix(), self.watch, integrator.mean, integrator.secant)
         self._most_inside_out = motion.system.mesh.element_count if passes_inversion(motion.system) else None
         self.scratch = np.zeros(motion.states.n)
-        self._prescribed: tuple[Array, Array] | None = None  # prescribed velocities, and the displacements that lead to them
+        self._led: tuple[Array, Array] | None = None  # displacements for inertia where they are prescribed, and velocities there
         self._met = ""  # remark on the contact that cut the first guess of the step
 
     def _matrix(self) -> StepMatrix | DenseStepMatrix:
@@ -159,7 +152,7 @@ class ImplicitStepper(Stepper):
 
     def step(self, state: MotionState, t: float) -> None:
         h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
-        problem.begin(state, self._with_velocities(self.integrator.coefficients(state, h, self), state, t, h))
+        self._begin(state, t, h)
         w = self.predicted(state, t)
         most_inverted = self._most_inside_out or len(problem.inside_out(np.zeros_like(w)))
         w, found, record = self.solve(w, moment, most_inverted)
@@ -168,24 +161,26 @@ class ImplicitStepper(Stepper):
             raise StepFailed(found + self._met)
         self.accept(state, w, h, moment)
 
-    def _with_velocities(self, coefficients: Coefficients, state: MotionState, t: float, h: float) -> Coefficients:
-        """Return the coefficients with which prescribed degrees of freedom have the velocities of their functions at `t`.
+    def _begin(self, state: MotionState, t: float, h: float) -> None:
+        """Begin a step of length `h` to `t`.
 
-        The velocities that an integrator finds from displacements would oscillate for ever after a kink. So inertia, and damping at
-        velocities, act on the displacements that lead to the right ones.
+        The velocities of an integrator whose forces are at both ends would ring for ever after a kink in a prescribed displacement.
+        So prescribed degrees of freedom have the velocities of their functions. Inertia, and damping that acts on velocities, are
+        those of the displacements `led` that lead to these velocities.
         """
-        fixed, motion, v = self.motion.free.fixed, self.motion, state.v.copy()
-        v[fixed] = motion.constrained_velocities(t, -h)
-        led = self.integrator.displacements_to(state, v, h) if motion.moving else None
-        self._prescribed = None if led is None else (v[fixed], led[fixed])
-        if led is None:
-            return coefficients
-        c, m, g, d, _ = coefficients
-        excess = led[fixed] - (motion.constrained_displacements(t) - state.u[fixed])
-        m[fixed] -= c * excess
-        if isinstance(d, np.ndarray) and not self.integrator.mean:
-            d[fixed] -= g * excess
-        return coefficients
+        coefficients, integrator, motion = self.integrator.coefficients(state, h, self), self.integrator, self.motion
+        self._led = None
+        if motion.moving and (integrator.needs_acceleration or integrator.mean):
+            fixed, (c, m, g, d, _), still = motion.free.fixed, coefficients, state.copy()
+            integrator.update(still, np.zeros_like(state.u), h)
+            v = motion.constrained_velocities(t, -h)
+            led = (v - still.v[fixed]) / g
+            excess = led - (motion.constrained_displacements(t) - state.u[fixed])
+            m[fixed] -= c * excess
+            if not integrator.mean:
+                np.asarray(d)[fixed] -= g * excess
+            self._led = led, v
+        self.problem.begin(state, coefficients)
 
     def length(self, state: MotionState, t: float) -> float:
         """Return the length of the step to `t` [s]. For a whole step it is exactly `dt`, so that factors can be reused."""
@@ -220,14 +215,15 @@ class ImplicitStepper(Stepper):
         fixed, motion = self.motion.free.fixed, self.motion
         before = state.copy() if motion.moving and self.integrator.needs_acceleration else None
         state.t = moment.time  # from here on, the state is no longer that of the previous step
-        if self._prescribed is None:
+        u1 = state.u + w
+        if self._led is None:
             self.integrator.update(state, w, h)
         else:
-            led, (v, led_there) = w.copy(), self._prescribed
-            led[fixed] = led_there
-            self.integrator.update(state, led, h)
+            w = w.copy()
+            w[fixed], v = self._led
+            self.integrator.update(state, w, h)
             state.v[fixed] = v
-        state.u += w
+        np.copyto(state.u, u1)
         if before is None:
             state.reaction[fixed] = self.integrator.weight * self.problem.full[fixed]
         else:  # forces at the end differ from the mean over the step by O(h)

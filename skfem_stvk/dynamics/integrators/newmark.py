@@ -84,9 +84,6 @@ class Newmark(Implicit):
     def update(self, state: MotionState, w: Array, h: float) -> None:
         newmark_update(state, w, h, self.beta, self.gamma)
 
-    def displacements_to(self, state: MotionState, v: Array, h: float) -> Array:
-        return newmark_displacements(state, v, h, self.beta, self.gamma)
-
 
 @dataclass(frozen=True)
 class GeneralizedAlpha(Implicit):
@@ -186,9 +183,6 @@ class GeneralizedAlpha(Implicit):
     def update(self, state: MotionState, w: Array, h: float) -> None:
         newmark_update(state, w, h, self.beta, self.gamma)
 
-    def displacements_to(self, state: MotionState, v: Array, h: float) -> Array:
-        return newmark_displacements(state, v, h, self.beta, self.gamma)
-
 
 def check_newmark(beta: float, gamma: float) -> None:
     """Refuse parameters that are not stable for linear bodies at any step."""
@@ -205,12 +199,6 @@ def newmark_coefficients(state: MotionState, h: float, beta: float, gamma: float
     m = state.v / (beta * h) + (1 / (2 * beta) - 1) * state.a
     d = gamma * h * m - state.v - (1 - gamma) * h * state.a
     return Coefficients(c, m, g, d)
-
-
-def newmark_displacements(state: MotionState, v: Array, h: float, beta: float, gamma: float) -> Array:
-    """Return the displacements `w` over the step with the velocities `v1 = v` at its end."""
-    _, _, g, d, _ = newmark_coefficients(state, h, beta, gamma)
-    return (v + d) / g
 
 
 def newmark_update(state: MotionState, w: Array, h: float, beta: float, gamma: float) -> None:
