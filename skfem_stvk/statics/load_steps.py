@@ -9,8 +9,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import StateError
-from ..nonlinear.newton import MOST_FULL, End, Iterations, NewtonOptions, newton, usable
 from ..nonlinear.eigen import lowest_mode
+from ..nonlinear.newton import MOST_FULL, End, Iterations, NewtonOptions, newton, usable
 from ..nonlinear.problem import Tangent
 from ..nonlinear.stability import stability_of
 from .continuation import SMALLEST, Continuation, ContinuationOptions

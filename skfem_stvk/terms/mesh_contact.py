@@ -601,8 +601,7 @@ class MeshContactWithFriction(BoundMeshContact):
         barrier, coefficient, at = self._barrier, self._friction.coefficient, self._collisions(x)
         on_first, states = np.isin(self._nodes, self.nodes), (at, self._collisions(self._moved(self._start)))
         used, present = (
-            self._on_body(barrier.friction(one, *slip[1:]))[on_first]
-            for one in (slip[0], barrier.rubbing(at, coefficient))
+            self._on_body(barrier.friction(one, *slip[1:]))[on_first] for one in (slip[0], barrier.rubbing(at, coefficient))
         )
         normal = max(np.linalg.norm(self._on_body(barrier.force(state))[on_first], axis=1).sum() for state in states)
         return present - used, coefficient * normal

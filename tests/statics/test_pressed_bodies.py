@@ -54,14 +54,6 @@ def test_two_blocks_that_slip_from_vertex_to_vertex_are_stable_nearby(law, monke
     assert force(result) == pytest.approx(force(first), rel=1e-3)
 
 
-def test_a_press_that_is_stable_at_once_is_not_pushed(monkeypatch):
-    law = StVK(young=1e3, poisson=0.3)
-    result = solve_static(blocks(law, 0.0211, (3, 5)), steps=5, quiet=True)
-    without_pushes(monkeypatch)
-    assert "half of the contact's distance" not in result.message
-    assert np.array_equal(solve_static(blocks(law, 0.0211, (3, 5)), steps=5, quiet=True).u, result.u)
-
-
 def rectangle(x, y, kind=skfem.MeshQuad):
     return kind.init_tensor(np.asarray(x), np.asarray(y))
 
@@ -78,12 +70,20 @@ def column(down, distance=5e-3):
     return System(mesh, terms, fixed={lambda x: x[1] == 0: "xy"}, prescribed=pressed)
 
 
+STRAIN = np.pi**2 * 0.1**2 / 12
+
+
+def test_a_column_that_is_stable_is_not_pushed(monkeypatch):
+    result = solve_static(column(0.7 * STRAIN), steps=3, quiet=True)
+    without_pushes(monkeypatch)
+    assert result.success and "half of the contact's distance" not in result.message
+    assert np.array_equal(solve_static(column(0.7 * STRAIN), steps=3, quiet=True).u, result.u)
+
+
 def test_a_column_between_plates_is_unstable_beyond_its_buckling_load():
     """Its foot is clamped and its head flat on the plate, which lets it slide: it buckles at a strain of pi^2 (h/L)^2/12."""
-    strain = np.pi**2 * 0.1**2 / 12
-    assert solve_static(column(0.7 * strain), steps=3, quiet=True).success
     with pytest.raises(SolveError, match="in equilibrium, but unstable: K has 1 negative") as caught:
-        solve_static(column(2 * strain), steps=3, quiet=True)
+        solve_static(column(2 * STRAIN), steps=3, quiet=True)
     result = caught.value.result
     assert result.history[-1].status is Status.UNSTABLE and np.abs(result.u.reshape(-1, 2)[:, 0]).max() < 2e-3, "straight"
 
