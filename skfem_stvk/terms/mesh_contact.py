@@ -285,8 +285,8 @@ class BoundMeshContact:
         positions = self._body.mesh.p.T + u
         if len(within := self._rigid_inside(positions)):
             raise ContactError(
-                f"{self.contact.label}: the RigidMesh at {tuple(within[0].round(6).tolist())} inside the body at the start; expected it "
-                "outside. Move the body or the surface."
+                f"{self.contact.label}: the RigidMesh at {tuple(within[0].round(6).tolist())} inside the body at the start; "
+                "expected it outside. Move the body or the surface."
             )
         inside = self._inside(positions)
         if len(inside):
@@ -305,7 +305,7 @@ class BoundMeshContact:
         return f"the RigidMesh from {tuple(self._X[vertices[0]].round(6).tolist())}"
 
     def _rigid_inside(self, p: Array) -> Array:
-        """Return points (n, d), one of each part of the RigidMesh at most, that are inside the elements with nodes at `p` (nv, d)."""
+        """Return points (n, d), one of each part of the RigidMesh at most, inside the elements with nodes at `p` (nv, d)."""
         mesh = self._body.mesh
         if self._rigid is None or mesh.k < self._d:
             return np.empty((0, self._d))

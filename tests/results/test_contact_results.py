@@ -374,7 +374,7 @@ def test_a_squeeze_that_is_too_soft_is_reported_in_statics():
 
 @pytest.mark.parametrize("steps", [1, 10])
 def test_a_shape_thinner_than_the_facets_is_reported(steps):
-    """It slips into the body between its nodes and pushes nothing."""
+    """The ball slips into the body between its nodes and pushes nothing."""
     result, text = path(RigidSphere((0.06, 0.07, 0.106), 0.005), (0, 0, -0.05), steps=steps)
     assert result.success and not result.contact("tool").force.any() and all("thin shape" in names for names in names_of(result))
     assert "Refine the surface" in text

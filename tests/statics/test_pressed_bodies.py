@@ -1,4 +1,4 @@
-"""Stability of bodies that press each other: surfaces that slip from vertex to vertex are stable, bodies that tip or buckle are not."""
+"""Stability of bodies that press each other: surfaces that slip from vertex to vertex are stable, tipping bodies are not."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def without_pushes(monkeypatch):
 
 @pytest.mark.parametrize("law", [LinearElastic(young=1e3, poisson=0.0), NeoHookean(young=1e3, poisson=0.0)], ids=repr)
 def test_two_blocks_that_slip_from_vertex_to_vertex_are_stable_nearby(law, monkeypatch):
-    """The state found first is unstable, and the result a state of less energy beside it, with a remark."""
+    """The state found first is unstable, and the result a state of less energy next to it, with a remark."""
     system = blocks(law)
     result = solve_static(system, steps=5, quiet=True)
     assert result.status is Status.CONVERGED and result.history[-1].negative == 0 and result.history[-1].status is Status.CONVERGED
