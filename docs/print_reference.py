@@ -47,7 +47,26 @@ FINDINGS = (
         "points deeper in a rigid shape than 0.05 of the facets' edge",
         "Take a larger stiffness: [contact](../how-to/contact.md).",
     ),
-    ("short contact", "contacts of fewer than 5 steps", "Take a smaller `dt`, a smaller stiffness, or an onset."),
+    (
+        "wrong side",
+        "no node outside a rigid shape, and nodes deep in it",
+        "Reverse the normal of the shape, or move the body.",
+    ),
+    (
+        "thin shape",
+        "a rigid shape thinner than the smallest facet, which may slip between its points",
+        "Refine the surface there: [contact](../how-to/contact.md).",
+    ),
+    (
+        "short contact",
+        "contacts of fewer than 5 steps",
+        "In motions, take a smaller `dt`, a smaller stiffness, or an onset. In statics the shape may have passed: take more steps.",
+    ),
+    (
+        "lagging friction",
+        "friction in statics whose normal force changes by more than 5 % in the step",
+        "Press first and drag in later steps, or take more steps: [friction](../how-to/contact.md#friction).",
+    ),
 )
 #: What a user does after each error.
 ERRORS = {

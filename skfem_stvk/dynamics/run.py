@@ -55,7 +55,8 @@ class Run:
         How the run ended, as a status and as a text.
     findings
         Unreliable elements in the last state, as in `step.findings` of statics: inverted, or compressed beyond the point where the
-        material softens. And rigid contacts that were too deep during the motion, or too short for its steps.
+        material softens. And rigid contacts that were too deep during the motion or too short for its steps, and shapes
+        thinner than the facets.
     ledger
         One array per name, one value per step: `run.ledger["total_energy"]`.
     iterations

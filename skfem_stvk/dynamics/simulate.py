@@ -128,7 +128,7 @@ def simulate(
 
     Raises
     ------
-    MaterialError, LoadError, SupportError, StateError
+    MaterialError, LoadError, SupportError, StateError, ContactError
         if a density is missing, nothing acts on the body, or the initial state is not valid.
     SimulationError
         if the motion blew up, a step found no state, elements are inverted at the end, or something failed during the run, such as
@@ -236,8 +236,9 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
 
     Raises
     ------
-    SupportError, LoadError
-        if the supports do not start at `u0`, or if no load, support, displacement or velocity moves the body.
+    SupportError, LoadError, ContactError
+        if the supports do not start at `u0`, if no load, support, displacement or velocity moves the body, or if it starts within
+        another body or on the wrong side of a shape.
     """
     system = motion.system
     u, v = (_vector(name, x, system) for name, x in (("u0", u0), ("v0", v0)))
@@ -253,7 +254,8 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         )
         raise SupportError(system.units.text(text))
     set_time(system.bound_terms, moment)
-    system.refuse_start(u)
+    with system.units.of_errors():
+        system.refuse_start(u)
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)

@@ -23,18 +23,20 @@ LOCKING, SOFTENING = 0.45, 3**-0.5
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """Warning about elements, or about a contact of a motion.
+    """Warning about elements, or about a contact.
 
     Attributes
     ----------
     name
-        Name of the finding, "locking", "inside out", "compressed", "not elliptic", "deep contact" or "short contact".
+        Name of the finding, "locking", "inside out", "compressed", "not elliptic", "deep contact", "wrong side", "thin shape",
+        "short contact" or "lagging friction".
     elements
         (n,) ids of the elements in the whole mesh, ascending; none for a contact.
     extreme
         Most extreme value: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the smallest eigenvalue
-        of the acoustic tensor [Pa], the largest depth over the mean edge of the facets, the smallest number of steps that a contact
-        lasts, in the order of the names.
+        of the acoustic tensor [Pa], the largest depth over the mean edge of the facets, the same of nodes, the thickness over the
+        edge of the smallest facet, the smallest number of steps that a contact lasts, the part of the largest friction that is
+        missing, in the order of the names.
     text
         The fault, the elements or the contact, a location or a time, the consequence and the remedy.
     """

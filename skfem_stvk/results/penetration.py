@@ -32,8 +32,8 @@ def contact_findings_at(system: System, u: Array) -> Iterator[Finding]:
             if resultant > max(LAG * largest, DRAGGED * np.linalg.norm(missing, axis=1).sum()):
                 what = (
                     "friction in this state has the normal forces of the state before, and those of this state would change it by "
-                    f"{resultant / largest:.2g} of its limit; expected at most {LAG:g}. Press first and drag in later steps, or take "
-                    "more steps."
+                    f"{resultant / largest:.2g} of its limit; expected at most {LAG:g}. Press first and drag in later steps, or "
+                    "take more steps."
                 )
                 yield _finding("lagging friction", contact.name, resultant / largest, what)
 
@@ -52,8 +52,8 @@ def penetration(system: System, contact: CanPenetrate, x: Array, gap: float, whe
         yield _finding("wrong side", contact.name, within / contact.edge, what)
     elif depth > DEEP:
         what = (
-            f"points are up to {-gap:.3g} {m} deep in the shape{when}: {depth:.2g} of the mean edge of the facets; expected at most "
-            f"{DEEP:g}, because forces are too small and last too long. Take a larger stiffness."
+            f"points are up to {-gap:.3g} {m} deep in the shape{when}: {depth:.2g} of the mean edge of the facets; expected at "
+            f"most {DEEP:g}, because forces are then too small, and impacts too long. Take a larger stiffness."
         )
         yield _finding("deep contact", contact.name, depth, what)
     if thickness < contact.shortest_edge:

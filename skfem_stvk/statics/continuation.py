@@ -141,7 +141,7 @@ class Continuation(ABC):
         return u, end, record
 
     def _passed_shape(self, u: Array) -> str:
-        """Return the name of a contact whose moving shape points pass through on the way from the last state; "" if there is none."""
+        """Return the name of a contact whose moving shape is passed on the way from the last state; "" if there is none."""
         ends = [by_vertex(self.problem.system.mesh, state) for state in (self.u, u)] if self.problem.system.contacts else []
         return next((one.name for one in self.problem.system.contacts if one.shape is not None and one.passes(*ends)), "")
 

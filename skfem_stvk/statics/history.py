@@ -48,7 +48,7 @@ class Step:
         5 the body has snapped or buckled. Then the value refers to the part of the step with the jump, and to its extrapolation by
         the tangent. None if there is no extrapolation.
     findings
-        Elements in which the model is not reliable, with their ids.
+        Elements in which the model is not reliable, with their ids, and contacts.
     critical
         Limit points and bifurcations between the previous state and this one.
     seconds

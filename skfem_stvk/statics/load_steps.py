@@ -9,8 +9,8 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import StateError
-from ..nonlinear.newton import MOST_FULL, End, Iterations, NewtonOptions, newton, usable
 from ..nonlinear.eigen import lowest_mode
+from ..nonlinear.newton import MOST_FULL, End, Iterations, NewtonOptions, newton, usable
 from ..nonlinear.problem import Tangent
 from ..nonlinear.stability import stability_of
 from .continuation import SMALLEST, Continuation, ContinuationOptions
@@ -30,8 +30,8 @@ NEAR = 0.5
 PUSH = 0.1
 #: Remark on the state that a push leads to.
 SETTLED = (
-    "The equilibrium found first is unstable, but only between the facets of a contact: pushed along its mode, the body came to rest "
-    "{moved:.2g} {m} away, less than half of the contact's distance. This state is the result."
+    "The equilibrium found first is unstable, but only between the facets of a contact: pushed along its mode, the body finds a "
+    "stable one {moved:.2g} {m} away, less than half of the contact's distance. This state is the result."
 )
 #: Largest number of halvings of a step, and of intermediate states.
 MOST_HALVINGS, MOST_SOLVES = 6, 16

@@ -121,8 +121,9 @@ def solve_static(
 
     Raises
     ------
-    LoadError, SupportError
-        if nothing acts on the body, or its supports leave rigid motions or mechanisms. The message counts and names them.
+    LoadError, SupportError, ContactError
+        if nothing acts on the body, or its supports leave rigid motions or mechanisms. The message counts and names them. If
+        bodies intersect at the start, or are on the wrong side of a shape.
     SolveError
         if no stable state at the end was found, or something failed on the way, such as a load's function or the disk. The error
         contains the reason, advice and the result so far.
@@ -132,8 +133,8 @@ def solve_static(
     Warns
     -----
     StvkWarning
-        if the model is not reliable in some elements: they lock, or are compressed beyond the point where the material softens; see
-        `step.findings`.
+        if the model is not reliable in some elements: they lock, or are compressed beyond the point where the material softens; or
+        in a contact; see `step.findings`.
 
     Examples
     --------
@@ -255,7 +256,8 @@ def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
     start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
     system.elastic_energies(start)  # raises an error on overflow
     set_time(system.bound_terms, t0)
-    system.refuse_start(start)
+    with system.units.of_errors():
+        system.refuse_start(start)
     system.check_held(start)
     return start
 

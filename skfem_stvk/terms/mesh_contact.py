@@ -285,8 +285,8 @@ class BoundMeshContact:
         positions = self._body.mesh.p.T + u
         if len(within := self._rigid_inside(positions)):
             raise ContactError(
-                f"{self.contact.label}: the RigidMesh at {tuple(within[0].round(6).tolist())} inside the body at the start; expected it "
-                "outside. Move the body or the surface."
+                f"{self.contact.label}: the RigidMesh at {tuple(within[0].round(6).tolist())} inside the body at the start; "
+                "expected it outside. Move the body or the surface."
             )
         inside = self._inside(positions)
         if len(inside):
@@ -305,7 +305,7 @@ class BoundMeshContact:
         return f"the RigidMesh from {tuple(self._X[vertices[0]].round(6).tolist())}"
 
     def _rigid_inside(self, p: Array) -> Array:
-        """Return points (n, d), one of each part of the RigidMesh at most, that are inside the elements with nodes at `p` (nv, d)."""
+        """Return points (n, d), one of each part of the RigidMesh at most, inside the elements with nodes at `p` (nv, d)."""
         mesh = self._body.mesh
         if self._rigid is None or mesh.k < self._d:
             return np.empty((0, self._d))
@@ -601,8 +601,7 @@ class MeshContactWithFriction(BoundMeshContact):
         barrier, coefficient, at = self._barrier, self._friction.coefficient, self._collisions(x)
         on_first, states = np.isin(self._nodes, self.nodes), (at, self._collisions(self._moved(self._start)))
         used, present = (
-            self._on_body(barrier.friction(one, *slip[1:]))[on_first]
-            for one in (slip[0], barrier.rubbing(at, coefficient))
+            self._on_body(barrier.friction(one, *slip[1:]))[on_first] for one in (slip[0], barrier.rubbing(at, coefficient))
         )
         normal = max(np.linalg.norm(self._on_body(barrier.force(state))[on_first], axis=1).sum() for state in states)
         return present - used, coefficient * normal

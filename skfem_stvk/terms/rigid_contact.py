@@ -256,8 +256,8 @@ class BoundRigidContact:
         if (depth := self.depth_within(u)) > 0:
             raise ContactError(
                 f"{self.contact.label}: no node of the body is outside the {self.shape.name} at the start, and the deepest is "
-                f"{depth:.4g} m within; expected the body outside. Reverse the normal (inside=... of spheres and cylinders), or move "
-                "the body."
+                f"{depth:.4g} m within; expected the body outside. Reverse the normal (inside=... of spheres and cylinders), or "
+                "move the body."
             )
         if (depth := -self.smallest_gap(u)) > HALFWAY * self.shape.thickness:
             raise ContactError(
@@ -436,7 +436,7 @@ class RigidContactWithHistory(BoundRigidContact):
         return super().mean_force(u0, u1, weights, theta, force)
 
     def missing_friction(self, u: Array) -> tuple[Array, float]:
-        """Return the friction (n, 3) that points slipping by more than the width lack, and the largest friction of all points [N]."""
+        """Return the friction (n, 3) that points lack which slip by more than the width, and the largest of all points [N]."""
         if not self._slips or self.contact.friction is None:
             return np.zeros((0, 3)), 0.0
         past, now, e = self._past, np.empty_like(self._past), self.contact.onset

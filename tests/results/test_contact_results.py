@@ -1,6 +1,7 @@
 """Results of contacts: moments, fields in files, rigid shapes in pictures and films, and findings. Pictures were checked by eye."""
 
 import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
@@ -33,6 +34,7 @@ from skfem_stvk import (
     Simulation,
     StVK,
     StvkError,
+    StvkWarning,
     System,
     Traction,
     VelocityVerlet,
@@ -43,6 +45,7 @@ from skfem_stvk.dynamics.contact_findings import contact_findings
 from skfem_stvk.dynamics.ledger import Ledger
 from skfem_stvk.kernels import contact as kernels
 from skfem_stvk.mesh import ElementMesh, box
+from skfem_stvk.nonlinear.newton import End
 from skfem_stvk.results import Fields, animate, plot, plotting, write_vtu
 from skfem_stvk.results import table as names
 from skfem_stvk.results.contact import contact_state, contact_states
@@ -176,7 +179,8 @@ def test_files_of_a_path_have_the_contacts_of_each_state(tmp_path):
 
 
 def test_friction_of_earlier_states_is_only_in_files_that_the_solve_writes(tmp_path):
-    result = solve_static(statics(friction=Friction(0.3, slip_length=1e-3)), steps=3, save=tmp_path / "saved.pvd", quiet=True)
+    with pytest.warns(StvkWarning, match="Press first and drag in later steps"):
+        result = solve_static(statics(friction=Friction(0.3, slip_length=1e-3)), steps=3, save=tmp_path / "saved.pvd", quiet=True)
     result.save(tmp_path / "after.pvd")
     assert "contact_force" not in read(tmp_path / "after_0001.vtu").point_data
     force = read(tmp_path / "saved_0002.vtu").point_data["contact_force"]
@@ -341,8 +345,135 @@ def test_contacts_that_end_are_counted(touches, text):
     """Contacts from the start, and those that have not ended, may be longer."""
     body = System(CUBE, [LAW, RigidContact(SHAPES["plane"], name="floor")])
     rows = [[t, -1e-5 if touch == "#" else 0.01] for t, touch in enumerate(touches)]
-    findings = list(contact_findings(body, Ledger(["time", "contact floor gap"], rows)))
+    findings = list(contact_findings(body, Ledger(["time", "contact floor gap"], rows), np.zeros(body.ndofs)))
     assert [text in finding.text for finding in findings] == ([True] if text else [])
+
+
+def names_of(result):
+    """Return the names of the findings in each state of a path."""
+    return [{finding.name for finding in step.findings} for step in result.history]
+
+
+def path(shape, motion, law=LAW, stiffness=None, **options):
+    """Return the path of a cube on a fixed bottom that a shape moves into."""
+    contact = RigidContact(shape, motion=motion, stiffness=stiffness, name="tool")
+    body = System(CUBE, [law, contact], fixed={lambda x: x[2] == 0: "xyz"})
+    with warnings.catch_warnings(record=True) as issued:
+        warnings.simplefilter("always")
+        result = solve_static(body, quiet=True, raise_on_failure=False, **options)
+    texts = [str(warning.message) for warning in issued]
+    found = {name for names in names_of(result) for name in names}
+    assert len(texts) == len(found), "each finding warns once"
+    return result, " ".join(texts)
+
+
+def test_a_squeeze_that_is_too_soft_is_reported_in_statics():
+    """At a squeeze by 40 % the penalty loses 7 % of the force of a stiff one; at one by 20 % it loses less, without a finding."""
+    lid = RigidPlane((0, 0, 0.1), (0, 0, -1))
+    result, text = path(lid, (0, 0, -0.04))
+    last = result.history[-1].findings[0]
+    edge = (2 + np.sqrt(2)) / 3 * 0.05
+    assert last.name == "deep contact" and last.extreme == pytest.approx(-result.contact("tool").gap.min() / edge, rel=1e-9)
+    assert "larger stiffness" in text and last.text in result.message and names_of(result)[0] == set()
+    stiff = System(CUBE, [LAW, RigidContact(lid, motion=(0, 0, -0.04), stiffness=1e9)], fixed={lambda x: x[2] == 0: "xyz"})
+    force = result.contact("tool").resultant[2] / solve_static(stiff, quiet=True).contact("contact").resultant[2]
+    assert force < 0.95 and path(lid, (0, 0, -0.02))[1] == ""
+
+
+@pytest.mark.parametrize("steps", [1, 10])
+def test_a_shape_thinner_than_the_facets_is_reported(steps):
+    """The ball slips into the body between its nodes and pushes nothing."""
+    result, text = path(RigidSphere((0.06, 0.07, 0.106), 0.005), (0, 0, -0.05), steps=steps)
+    assert result.success and not result.contact("tool").force.any() and all("thin shape" in names for names in names_of(result))
+    assert "Refine the surface" in text
+    assert path(RigidSphere((0.05, 0.05, 0.141), 0.04), (0, 0, -0.005))[1] == ""
+    v0 = np.tile([0, 0, 0.1], CUBE.nv)
+    ball = RigidContact(RigidSphere((0.06, 0.07, 0.106), 0.005), name="ball")
+    run = simulate(System(CUBE, [LAW, ball]), EnergyMomentum(dt=1e-3), until=2e-3, v0=v0, quiet=True)
+    assert set(found(run)) == {"thin shape"}
+
+
+def test_a_body_on_the_wrong_side_is_reported_once_no_node_is_outside():
+    """The normal points away from most of the body; at the start some nodes are outside, and at the end none."""
+    result, text = path(RigidPlane((0, 0, 0.01), (0, 0, -1)), (0, 0, -0.03), stiffness=1e3, steps=4)
+    names = names_of(result)
+    assert "deep contact" in names[0] and names[-1] & {"wrong side", "deep contact"} == {"wrong side"}
+    assert "Reverse the normal" in text and "Reverse the normal" in result.message
+    floor = RigidContact(RigidPlane((0, 0, 0.01), (0, 0, -1)), motion=lambda t: (0, 0, -10 * t), stiffness=1e3, name="floor")
+    body = System(CUBE, [LAW, floor], fixed={lambda x: x[2] == 0: "xyz"})
+    run = simulate(body, EnergyMomentum(dt=1e-4), until=2e-3, quiet=True, raise_on_failure=False)
+    assert "wrong side" in found(run) and "deep contact" not in found(run)
+
+
+def test_contacts_that_begin_and_end_within_few_states_of_a_path_are_reported():
+    """A ball that is drawn over an edge of the body touches in some states; a plane that comes and goes cannot pass."""
+
+    def there_and_back(t):
+        return (0, 0, -0.004 * max(0.0, 1 - abs(4 * t - 2)))
+
+    result, text = path(RigidSphere((0.05, 0.05, 0.142), 0.04), there_and_back, steps=10)
+    gaps = [contact_state(result.system, "tool", step.u, step.t).gap.min() for step in result.history]
+    touching = sum(gap < 0 for gap in gaps)
+    assert 0 < touching < 5 and gaps[-1] > 0 and gaps[0] > 0
+    finding = result.history[-1].findings[0]
+    assert finding.name == "short contact" and finding.extreme == touching and "may have passed the shape" in text
+    assert path(RigidPlane((0, 0, 0.102), (0, 0, -1)), there_and_back, steps=10)[1] == ""
+
+
+def test_no_step_of_a_path_passes_a_moving_shape():
+    """A plate that moves farther than its thickness in a step would leave the body between its own faces and push nothing."""
+    plate = RigidBox((-1, -1, 0.1005), (1, 1, 0.105))
+    result, _ = path(plate, (0, 0, -0.01), steps=1, law=StVK(young=3e4, poisson=0.3))
+    assert result.success and result.history.attempts[0].end is End.CONTACT
+    one, other = (
+        result.contact("tool").resultant[2],
+        path(RigidPlane((0, 0, 0.1005), (0, 0, -1)), (0, 0, -0.01), law=StVK(young=3e4, poisson=0.3))[0],
+    )
+    assert one < 0 and one == pytest.approx(other.contact("tool").resultant[2], rel=0.05)
+
+
+def dragged(contact, together):
+    """Return the path of a cube that a lid presses on a floor and drags, in one ramp or one after the other."""
+    down, law, friction = 0.002 if contact == "rigid" else 0.006, StVK(young=3e4, poisson=0.3), Friction(0.4, slip_length=1e-5)
+
+    def way(axis):
+        def at(t):
+            press, drag = (t, t) if together else (min(1.0, 2 * t), max(0.0, 2 * t - 1))
+            return {"x": 0.04 * drag, "y": 0.0, "z": -down * press}[axis]
+
+        return at
+
+    bottom, lid = (lambda x: x[2] == 0), {lambda x: np.isclose(x[2], x[2].max()): {axis: way(axis) for axis in "xyz"}}
+    floor = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), bottom, friction=friction, stiffness=1e8)
+    if contact == "mesh":
+        table = box((0.3, 0.2, 0.05), (3, 2, 1))
+        floor = MeshContact(
+            bottom, RigidMesh((table.p - [[0.08], [0.07], [0.054]], table.surface)), distance=0.005, friction=friction
+        )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", StvkWarning)
+        return solve_static(System(CUBE, [law, floor], prescribed=lid), steps=10, quiet=True)
+
+
+@pytest.mark.parametrize("contact", ["rigid", "mesh"])
+def test_friction_that_lags_behind_its_normal_force_is_reported(contact):
+    """Pressed and dragged in one ramp, friction has the normal force of the state before; pressed first, it has its own."""
+    if contact == "mesh":
+        pytest.importorskip("ipctk")
+    result, lags = dragged(contact, together=True), []
+    normal = [0.0, *(contact_state(result.system, "contact", step.u, step.t).resultant[2] for step in result.history)]
+    for before, now, step in zip(normal, normal[1:], result.history, strict=False):
+        found = [one.extreme for one in step.findings if one.name == "lagging friction"]
+        expected = 1 - before / now if now and step.t else 0.0  # nothing slips at the start
+        assert found == pytest.approx([expected] * int(expected > 0.05), abs=0.02)
+        lags += found
+    assert len(lags) > 3 and lags[0] > 0.3
+    force = result.contact("contact").resultant
+    assert np.hypot(*force[:2]) / force[2] == pytest.approx(0.4 * normal[-2] / normal[-1], rel=0.02)
+    first = dragged(contact, together=False)
+    force = first.contact("contact").resultant
+    assert np.hypot(*force[:2]) / force[2] == pytest.approx(0.4, rel=0.04)
+    assert not any("lagging friction" in names for names in names_of(first))
 
 
 def test_findings_cover_a_motion_that_is_resumed(tmp_path):

@@ -3,7 +3,7 @@
 import pytest
 import skfem
 
-from skfem_stvk import RigidContact, RigidSphere, StVK, System, Traction, solve_static
+from skfem_stvk import RigidContact, RigidSphere, StVK, StvkWarning, System, Traction, solve_static
 from skfem_stvk.mesh import box
 from skfem_stvk.nonlinear.newton import End
 from skfem_stvk.statics.message import advice_after
@@ -31,8 +31,11 @@ def test_a_support_that_is_driven_through_a_contact_names_the_contact():
     ball = RigidContact(RigidSphere((0.5, 1.15), 0.05), name="ball")
     terms, moved = [StVK(young=1e5, poisson=0.3), ball], {"top": {"x": 0.0, "y": 0.5}}
     system = System(box((1, 1), (4, 4)), terms, fixed={"bottom": "xy"}, prescribed=moved)
-    result = solve_static(system, steps=1, quiet=True, raise_on_failure=False)
+    with pytest.warns(StvkWarning) as issued:
+        result = solve_static(system, steps=1, quiet=True, raise_on_failure=False)
     assert "would pass through a contact ('ball')" in result.message and "invert" not in result.message
+    texts = [str(one.message) for one in issued]
+    assert len(texts) == 2 and any("deep in the shape" in text for text in texts) and any("0.1 m thin" in text for text in texts)
     assert 0.2 < result.t < 0.3  # the top meets the ball at t = 0.2
 
 

@@ -1,4 +1,4 @@
-"""Stability of bodies that press each other: surfaces that slip from vertex to vertex are stable, bodies that tip or buckle are not."""
+"""Stability of bodies that press each other: surfaces that slip from vertex to vertex are stable, tipping bodies are not."""
 
 import numpy as np
 import pytest
@@ -41,7 +41,7 @@ def without_pushes(monkeypatch):
 
 @pytest.mark.parametrize("law", [LinearElastic(young=1e3, poisson=0.0), NeoHookean(young=1e3, poisson=0.0)], ids=repr)
 def test_two_blocks_that_slip_from_vertex_to_vertex_are_stable_nearby(law, monkeypatch):
-    """The state found first is unstable, and the result a state of less energy beside it, with a remark."""
+    """The state found first is unstable, and the result a state of less energy next to it, with a remark."""
     system = blocks(law)
     result = solve_static(system, steps=5, quiet=True)
     assert result.status is Status.CONVERGED and result.history[-1].negative == 0 and result.history[-1].status is Status.CONVERGED
@@ -52,14 +52,6 @@ def test_two_blocks_that_slip_from_vertex_to_vertex_are_stable_nearby(law, monke
     moved = np.linalg.norm((result.u - first.u).reshape(-1, 3), axis=1).max()
     assert 0 < moved < 0.5 * 0.0267 and 0 < first.history[-1].potential - result.history[-1].potential < 1e-4
     assert force(result) == pytest.approx(force(first), rel=1e-3)
-
-
-def test_a_press_that_is_stable_at_once_is_not_pushed(monkeypatch):
-    law = StVK(young=1e3, poisson=0.3)
-    result = solve_static(blocks(law, 0.0211, (3, 5)), steps=5, quiet=True)
-    without_pushes(monkeypatch)
-    assert "half of the contact's distance" not in result.message
-    assert np.array_equal(solve_static(blocks(law, 0.0211, (3, 5)), steps=5, quiet=True).u, result.u)
 
 
 def rectangle(x, y, kind=skfem.MeshQuad):
@@ -78,12 +70,20 @@ def column(down, distance=5e-3):
     return System(mesh, terms, fixed={lambda x: x[1] == 0: "xy"}, prescribed=pressed)
 
 
+STRAIN = np.pi**2 * 0.1**2 / 12
+
+
+def test_a_column_that_is_stable_is_not_pushed(monkeypatch):
+    result = solve_static(column(0.7 * STRAIN), steps=3, quiet=True)
+    without_pushes(monkeypatch)
+    assert result.success and "half of the contact's distance" not in result.message
+    assert np.array_equal(solve_static(column(0.7 * STRAIN), steps=3, quiet=True).u, result.u)
+
+
 def test_a_column_between_plates_is_unstable_beyond_its_buckling_load():
     """Its foot is clamped and its head flat on the plate, which lets it slide: it buckles at a strain of pi^2 (h/L)^2/12."""
-    strain = np.pi**2 * 0.1**2 / 12
-    assert solve_static(column(0.7 * strain), steps=3, quiet=True).success
     with pytest.raises(SolveError, match="in equilibrium, but unstable: K has 1 negative") as caught:
-        solve_static(column(2 * strain), steps=3, quiet=True)
+        solve_static(column(2 * STRAIN), steps=3, quiet=True)
     result = caught.value.result
     assert result.history[-1].status is Status.UNSTABLE and np.abs(result.u.reshape(-1, 2)[:, 0]).max() < 2e-3, "straight"
 

@@ -2,6 +2,7 @@
 
 import sys
 import threading
+import warnings
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from skfem_stvk import (
     SimulationError,
     StVK,
     StvkError,
+    StvkWarning,
     SupportError,
     System,
     Traction,
@@ -571,6 +573,103 @@ def test_friction_carries_a_part_of_a_static_load():
         pressed = System(mesh, [LAW, plane, pulled, Traction(TOP, lambda t: (0, 0, -40 * min(1.0, 2 * t)))], held)
         force = solve_static(pressed, steps=10, quiet=True).contact("contact").resultant
         assert force == pytest.approx([-share * 40, 0, 40], rel=2e-3, abs=0.05)
+
+
+AROUND = {  # shapes with the cube of 1 m on the wrong side, the depth of its deepest node, and the side on which it belongs
+    "plane": (RigidPlane((0, 0, 0), (0, 0, -1)), 1.0, RigidPlane((0, 0, 0), (0, 0, 1))),
+    "inclined plane": (RigidPlane((0, 0, 0), (-1, -1, -1)), 3**0.5, RigidPlane((0, 0, 0), (1, 1, 1))),
+    "sphere": (RigidSphere((0.5, 0.5, 0.5), 1.0), 1.0, RigidSphere((0.5, 0.5, 0.5), 1.0, inside=True)),
+    "hollow sphere": (RigidSphere((0.5, 0.5, -1), 0.9, inside=True), 4.5**0.5 - 0.9, RigidSphere((0.5, 0.5, -1), 0.9)),
+    "cylinder": (RigidCylinder((0.5, 0.5, 0), (0, 0, 1), 1.0), 1.0, RigidCylinder((0.5, 0.5, 0), (0, 0, 1), 1.0, inside=True)),
+    "box": (RigidBox((-0.1, -0.2, -0.1), (1.1, 1.1, 3)), 0.6, RigidBox((-0.1, -0.2, -1), (1.1, 1.1, -0.1))),
+}
+HELD = {lambda x: x[2] == 1: "xyz"}
+
+
+def starts(mesh, contact, held=HELD, **start):
+    """Yield calls that begin an analysis of a body with a contact: a static solve, and motions."""
+    body = System(mesh, [LAW, Gravity((0, 0, -9.81)), contact], held)
+    yield lambda: solve_static(body, quiet=True, raise_on_failure=False, **start)
+    yield lambda: simulate(body, EnergyMomentum(dt=1e-4), until=1e-4, quiet=True, **start)
+    yield lambda: simulate(body, VelocityVerlet(), until=1e-6, quiet=True, **start)
+    yield lambda: Simulation(body, BackwardEuler(dt=1e-4), **start)
+
+
+@pytest.mark.parametrize("where", [None, BOTTOM], ids=["everywhere", "bottom"])
+@pytest.mark.parametrize("name", AROUND)
+def test_a_start_on_the_wrong_side_of_a_shape_is_refused(name, where):
+    """Facets that touch count as much as the nodes behind them, and the remedy is no larger stiffness."""
+    wrong, depth, right = AROUND[name]
+    mesh = box((1.0, 1.0, 1.0), (2, 2, 2))
+    words = rf"no node of the body is outside the {wrong.name} at the start, and the deepest is {depth:.4g} m within.*Reverse the n"
+    for start in starts(mesh, RigidContact(wrong, where)):
+        with pytest.raises(ContactError, match=words) as caught:
+            start()
+        assert "stiffness" not in str(caught.value)
+    for start in starts(mesh, RigidContact(right, where)):
+        start()
+
+
+def test_the_part_of_the_body_and_the_start_decide_on_the_side():
+    """A body in two parts, of which one is on the wrong side; a body that `u0` or the motion of a shape takes there."""
+    one = box((1.0, 1.0, 1.0), (2, 2, 2))
+    both = ElementMesh(np.hstack([one.p, one.p - np.array([[0], [0], [1.5]])]), np.hstack([one.t, one.t + one.nv]))
+    held = {lambda x: (x[2] == 1) | (x[2] == -0.5): "xyz"}
+    floor = RigidPlane((0, 0, 0), (0, 0, 1))
+    for where, refused in ((None, True), (lambda x: x[2] > -0.1, False)):
+        with pytest.warns(StvkWarning, match="in 2 parts"):
+            body = System(both, [LAW, RigidContact(floor, where)], held)
+        if refused:
+            with pytest.raises(ContactError, match=r"the deepest is 1\.5 m within"):
+                solve_static(body, quiet=True)
+        else:
+            solve_static(body, quiet=True)
+    below = np.tile([0, 0, -1.2], one.nv)
+    at_rest = next(starts(one, RigidContact(floor), u0=below))
+    for start in (at_rest, *list(starts(one, RigidContact(floor), None, u0=below))[1:]):
+        with pytest.raises(ContactError, match=r"the deepest is 1\.2 m within"):
+            start()
+    lifted = RigidContact(floor, motion=lambda t: (0, 0, 1.1 + t))
+    for start in starts(one, lifted):
+        with pytest.raises(ContactError, match=r"the deepest is 1\.1 m within"):
+            start()
+
+
+def test_a_body_with_a_node_outside_and_a_sheet_slightly_within_may_start():
+    """Points in a shape are pushed out, with a finding if they are deep."""
+    block, sheet = box((1.0, 1.0, 1.0), (2, 2, 2)), MESHES["membrane"]
+    with pytest.warns(StvkWarning, match="deep in the shape"):
+        solve_static(System(block, [LAW, RigidContact(RigidPlane((0, 0, 0.4), (0, 0, 1)), stiffness=10.0)], HELD), quiet=True)
+    law = StVK(young=1e3, poisson=0.3, thickness=0.1, density=1.0)
+    for height, refused in ((0.21, False), (0.6, True)):
+        body = System(sheet, [law, RigidContact(RigidPlane((0, 0, height), (0, 0, 1)), stiffness=1e4)])
+        if refused:
+            with pytest.raises(ContactError, match=r"the deepest is 0\.4 m within"):
+                Simulation(body, BackwardEuler(dt=1e-4))
+        else:
+            Simulation(body, BackwardEuler(dt=1e-4))
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        RigidSphere((0.5, 0.5, 0), 0.1),
+        RigidCylinder((0.5, 0.5, 0), (0, 0, 1), 0.1),
+        RigidBox((0.4, 0.3, -0.1), (0.6, 0.7, 0.5)),
+        RigidBox((0.4, 0.3, -0.1), (0.6, 0.7, 0.5), radius=0.05),
+    ],
+    ids=repr,
+)
+def test_points_halfway_through_a_shape_at_the_start_are_refused(shape):
+    """In the centre, on the axis or between two faces no direction leads out, so no force or that to one side would act."""
+    mesh = box((1.0, 1.0, 1.0), (2, 2, 2))
+    for start in starts(mesh, RigidContact(shape)):
+        with pytest.raises(ContactError, match=rf"points are 0\.1 m deep in the {shape.name} at the start, halfway through it"):
+            start()
+    for start in starts(mesh, RigidContact(shape.displaced((0.02, 0, 0.0)))):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StvkWarning)  # it is deep, and thinner than the facets
+            start()
 
 
 def test_a_named_plane_that_is_not_touched_changes_no_bit():

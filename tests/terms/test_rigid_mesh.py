@@ -277,6 +277,30 @@ def test_the_side_of_a_closed_surface_is_that_of_its_normals():
         assert not RigidMesh((p, one)).closed
 
 
+def cube(d, low, size, n):
+    mesh = tensor((size,) * d, (n,) * d, skfem.MeshTet if d == 3 else skfem.MeshTri)
+    return ElementMesh.of(mesh.translated((low,) * d))
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_surface_within_the_body_is_refused(d):
+    """Nothing would touch it. In the cavity of a hollow body, and outside, it is accepted."""
+    law = StVK(young=3e4, poisson=0.3, density=1.0)
+    block, core = cube(d, 0.0, 1.0, 5), cube(d, 0.45, 0.1, 1)
+    outer = cube(d, 2.0, 0.1, 1)
+    both = RigidMesh((np.hstack([outer.p, core.p]), np.hstack([outer.surface, core.surface + outer.nv])))
+    for rigid in (RigidMesh((core.p, core.surface)), both):
+        with pytest.raises(ContactError, match=r"the RigidMesh at \(0\.45, .*inside the body at the start; expected it outside"):
+            System(block, [law, MeshContact(None, rigid, distance=0.01)])
+    hollow = ElementMesh(block.p, block.t[:, ~((np.abs(block.p[:, block.t].mean(axis=1) - 0.5) < 0.1).all(axis=0))])
+    assert hollow.nt < block.nt
+    body = System(hollow, [law, MeshContact(None, both, distance=0.01)], {lambda x: x[0] == 0: "xyz"[:d]})
+    System(block, [law, MeshContact(None, RigidMesh((outer.p, outer.surface)), distance=0.01)])
+    over = np.tile(2.15 - np.full(d, 0.25), body.mesh.nv)  # the outer one is in the middle of the wall then
+    with pytest.raises(ContactError, match=r"the RigidMesh at \(2\.0, .*inside the body"):
+        body.refuse_start(over)
+
+
 BAD = {
     "a missing file": (lambda: "nowhere.stl", "nowhere.stl"),
     "a volume mesh": (lambda: tensor((1, 1, 1), (1, 1, 1)), r"tetrahedra in 3D; expected a surface.*\(mesh.p, mesh.surface\)"),
