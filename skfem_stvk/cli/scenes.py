@@ -27,6 +27,7 @@ from ..scene.footprint import footprint, table
 from ..scene.info import Inspection, inspect_mesh, inspect_scene
 from ..scene.outcome import SceneOutcome, SummaryRow, as_printed
 from ..scene.report import REPORT
+from ..scene.sweep import in_a_line
 from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_PASSED, WIDTH, console, duration, printable
 from ..units import UNITS
 
@@ -161,7 +162,11 @@ def sweep_arguments(parser: argparse.ArgumentParser) -> None:
 def solve_product(options: argparse.Namespace) -> int:
     """Solve a scene with the product of values, into a table; exit code 0 if all runs are done, 1 if one failed."""
     rows = sweep(options.scene, options.set, options.out, jobs=options.jobs, force=options.force, quiet=options.quiet)
-    return DONE if all(row.done for row in rows) else NOT_PASSED
+    failed = [row for row in rows if not row.done]
+    if options.quiet:
+        for row in failed:
+            console(stderr=True).print(f"[bold red]error[/] {printable(in_a_line(row))}", soft_wrap=True)
+    return NOT_PASSED if failed else DONE
 
 
 def info_arguments(parser: argparse.ArgumentParser) -> None:

@@ -22,12 +22,10 @@ from .record import MotionState, RunRecord
 from .removal import Removal, removal_text
 from .run import Run, SimulationError
 from .stable_step import halving_text
-from .steps import Steps
+from .steps import HALVINGS, Steps
 
 #: Smallest closure error, as a part of the energy, that the message of the run mentions.
 REPORTED = 0.05
-#: Largest number of times that a step is halved, down to 64 parts.
-HALVINGS = 6
 
 
 class Loop:
@@ -37,6 +35,7 @@ class Loop:
         self.setup, self.record, self._outputs, self._quiet = setup, record, outputs, quiet
         motion = setup.motion
         self._steps = Steps(motion, setup.integrator, record, self._arrived, HALVINGS)
+        self._steps.refuse_far(setup.until)
         self._stepper, self._limit = self._steps.stepper, self._steps.limit
         self._ledger_writer = LedgerWriter(
             motion, setup.locations, record.ledger, record.clock.dt, setup.integrator.mean

@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import wraps
 from math import inf
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,10 +35,31 @@ from .record import SLACK, Clock, HierarchyOrigin, MotionState, RunRecord, Snaps
 from .removal import rule_text
 from .run import SimulationError
 from .simulate import checked_body, first_state
-from .steps import Steps
+from .steps import HALVINGS, Steps
+
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 #: Largest number of times that a step may be halved.
 MOST_HALVINGS = 20
+
+
+def exclusive(method: Method) -> Method:
+    """Return a method of `Simulation` that raises StvkError if it is called by a motion or a load which the simulation evaluates."""
+
+    @wraps(method)
+    def alone(self: Simulation, *arguments: Any, **named: Any) -> Any:
+        if self._running:
+            raise StvkError(
+                f"{method.__name__}() within a call of this simulation, by a motion or a load; expected functions that leave the "
+                f"simulation alone. Call {method.__name__}() after the step."
+            )
+        self._running = True
+        try:
+            return method(self, *arguments, **named)
+        finally:
+            self._running = False
+
+    return cast(Method, alone)
 
 
 class Energies(NamedTuple):
@@ -55,8 +77,9 @@ class Energies(NamedTuple):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SavedState:
-    """State of a `Simulation`, from `copy_state` for `restore`, at time `t` [s]."""
+    """State of a `Simulation`, from `copy_state` for `restore` of the same object, whose `key` it has, at time `t` [s]."""
 
+    key: object
     t: float
     snapshot: Snapshot
     inputs: Array
@@ -90,7 +113,8 @@ class Simulation:
     u0, v0, t0, mass, damping
         Initial state, kind of the mass and damping, as in `simulate`.
     halvings
-        Largest number of times that a step without a state is halved; 0 limits the time of a step.
+        Largest number of times that a step without a state is halved, up to `2**halvings` parts. By default 6 for a body with a
+        `MeshContact`, as in `simulate`, and otherwise 0, which limits the time of a step.
     on_failure
         "raise" an error if a step finds no state, or "hold": count it in `failures` and leave everything as it was.
     ledger
@@ -133,7 +157,7 @@ class Simulation:
         t0: float = 0.0,
         mass: str | None = None,
         damping: Damping | None = None,
-        halvings: int = 0,
+        halvings: int | None = None,
         on_failure: str = "raise",
         ledger: bool = False,
     ) -> None:
@@ -146,13 +170,15 @@ class Simulation:
         self._begin(motion, integrator, RunRecord.at(state, Ledger(names), motion.body), halvings, on_failure)
         self._first = self.system, self._numbers()
 
-    def _begin(self, motion: Motion, integrator: Integrator, record: RunRecord, halvings: int, on_failure: str) -> None:
+    def _begin(self, motion: Motion, integrator: Integrator, record: RunRecord, halvings: int | None, on_failure: str) -> None:
         """Begin with the state of the record, with a ledger if that has more than one column."""
         assert motion.inputs is not None
         self._motion, self._integrator, self._record, self._inputs = motion, integrator, record, motion.inputs
+        if halvings is None:
+            halvings = HALVINGS if any(contact.is_barrier for contact in motion.system.contacts) else 0
         halvings = whole("halvings", halvings, f"0 ... {MOST_HALVINGS}", 0, MOST_HALVINGS)
         self._holds = choice("on_failure", on_failure, ("raise", "hold")) == "hold"
-        self.failures = 0
+        self.failures, self._key, self._running = 0, object(), False
         self._steps = Steps(motion, integrator, record, self._arrived, halvings)
         self._means: dict[str, Callable[[Array], Array]] = {}
         self._reactions: dict[str, Callable[[], Array]] = {}
@@ -173,6 +199,7 @@ class Simulation:
             writer.set_inside_out(len(self.inside_out()))
         return writer
 
+    @exclusive
     def step(self, until: float | None = None, **inputs: ArrayLike) -> None:
         """Advance the motion by one step, or until a time.
 
@@ -203,6 +230,7 @@ class Simulation:
             self._inputs.begin(values, state.t, end)
         else:
             end = number("until", until, self.system.units.text(f"a time after t = {state.t:.9g} s"), state.t)
+            self._steps.refuse_far(end)
             self._inputs.begin(values, state.t, end - SLACK * clock.dt)
         self._before.copy_from(state)
         try:
@@ -241,8 +269,8 @@ class Simulation:
         halved = f", not even in {2**self._steps.halvings} parts" if self._steps.halvings else ""
         return self.system.units.text(
             f"No state was found between t = {self.t:.6g} s and {end:.6g} s{halved}: {str(error).rstrip('.')}. The simulation is "
-            "as it was before. Try a smaller dt, smaller changes of the inputs, or halvings=6; on_failure='hold' goes on without "
-            "an error."
+            f"as it was before. Try a smaller dt, smaller changes of the inputs{', or halvings=6' * (not halved)}; on_failure='hold' "
+            "goes on without an error."
         )
 
     @property
@@ -398,6 +426,7 @@ class Simulation:
         """Return the ids of the inverted or flat elements, ascending."""
         return self._motion.body.inside_out(self._record.state.u)
 
+    @exclusive
     def remove(self, elements: str | ArrayLike) -> None:
         """Remove elements from the body, as `System.without` does; `system` is then the remaining body.
 
@@ -434,12 +463,14 @@ class Simulation:
             self._writer.append_row(state, self._steps.stepper.strain_energy(state))
         self._steps.review(recompute=True)
 
+    @exclusive
     def copy_state(self) -> SavedState:
         """Return a copy of the state, from which `restore` leads to the same steps, to the last bit."""
         record = self._record
         removed = record.removed, record.removed_at
-        return SavedState(record.state.t, record.snapshot(), self._inputs.values, self.system, record.origin, removed)
+        return SavedState(self._key, record.state.t, record.snapshot(), self._inputs.values, self.system, record.origin, removed)
 
+    @exclusive
     def restore(self, saved: SavedState) -> None:
         """Go back to a state, and to the inputs that it had.
 
@@ -453,9 +484,10 @@ class Simulation:
         StvkError
             if it is of another simulation.
         """
-        same = isinstance(saved, SavedState) and saved.system.mesh is self.system.mesh
-        if not same or saved.inputs.shape != self._inputs.values.shape or len(saved.snapshot.state.u) != self._motion.states.n:
-            raise StvkError(f"restore({shown(saved)}); expected a result of copy_state() of this simulation.")
+        if not isinstance(saved, SavedState) or saved.key is not self._key:
+            what = "a state of another simulation" if isinstance(saved, SavedState) else shown(saved)
+            remedy = "To continue in another one, save() this state and load() it."
+            raise StvkError(f"restore({what}); expected a result of copy_state() of this simulation. {remedy}")
         if saved.system is not self.system:
             self._motion.replace_system(saved.system)
         self._record.removed, self._record.removed_at = saved.removed
@@ -472,6 +504,7 @@ class Simulation:
         if self._writer is not None:
             self._writer.begin(record.state)
 
+    @exclusive
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
         """Write the state to a folder, as a checkpoint that `Simulation.load` and `simulate(checkpoint=..., resume=True)` read.
 
@@ -518,7 +551,7 @@ class Simulation:
         system: System | ReducedLike,
         integrator: Integrator | None = None,
         *,
-        halvings: int = 0,
+        halvings: int | None = None,
         on_failure: str = "raise",
     ) -> Simulation:
         """Return the simulation of a checkpoint, which `save` or `simulate` wrote, with the ledger that is there.
@@ -557,6 +590,13 @@ class Simulation:
         u = np.array(self._motion.states.expand(x))
         u.flags.writeable = False
         return u
+
+    def __reduce_ex__(self, protocol: Any) -> NoReturn:
+        """Refuse copies and pickles, which would share the state or lack the data of solvers."""
+        raise StvkError(
+            "A Simulation cannot be copied or pickled; expected copy_state() and restore() to go back, or save() and load() for "
+            "another simulation."
+        )
 
     def _repr_html_(self) -> str:
         rows = [(name, f"{getattr(self, name):g}") for name in ("t", "dt", "steps", "failures")]

@@ -53,6 +53,7 @@ class StepProblem(Equation):
         super().__init__(motion.body, matrix.tangent, watch)
         self.motion, self.matrix, self._mean, self._secant = motion, matrix, mean, secant
         self._u0, self.offset, self._force, self._inertia, self._internal, self.full = (np.zeros(motion.states.n) for _ in range(6))
+        self._last: tuple[Array, Residual] | None = None  # displacements over the step, and their residual
         self.no_step_limit = self.no_step_limit or passes_inversion(self.system)
         self.ignores_inversion = (
             self.ignores_inversion or self.body is not self.system
@@ -73,7 +74,7 @@ class StepProblem(Equation):
             c, m, g, d, rest = coefficients
             np.copyto(self._u0, state.u)
             self.matrix.begin(self._u0, c, g)
-            self._before = np.inf
+            self._before, self._last = np.inf, None
             self._c, self._g, self._d = c, g, d
             self.motion.mass.multiply(m, out=self.offset)
             self.offset -= rest
@@ -109,6 +110,8 @@ class StepProblem(Equation):
             return np.take(linear, fixed, out=out, mode="clip")
 
     def residual(self, w: Array, t: Time) -> Residual:
+        if self._last is not None and np.array_equal(self._last[0], w):  # the line search ended there
+            return self._last[1]
         with self._watch("assemble"):
             loads = self.motion.loads(self._u0 + w, Moment.of(t).time)
             internal = self._internal_force(w)
@@ -124,7 +127,8 @@ class StepProblem(Equation):
             if size > SLOW * self._before:
                 self.matrix.with_tensions = False
             self._before = size
-            return Residual(free, size, scale)
+            self._last = w.copy(), Residual(free, size, scale)
+            return self._last[1]
 
     def round_off(self, w: Array, t: Time) -> float:
         with self._watch("assemble"):

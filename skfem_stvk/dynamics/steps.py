@@ -7,13 +7,15 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arguments import Array
-from ..errors import warn
+from ..errors import StvkError, warn
 from ..nonlinear.newton import End
 from .integrators import Integrator, StepFailed
 from .motion import Motion
-from .record import MotionState, RunRecord
+from .record import ROUNDED, Clock, MotionState, RunRecord
 from .stable_step import StableStep
 
+#: Largest number of times that `simulate` halves a step, down to 64 parts.
+HALVINGS = 6
 #: Number of consecutive steps that must be cut before a warning.
 MANY = 10
 
@@ -50,6 +52,14 @@ class Steps:
         """Prepare for a step from the state of the record."""
         self._motion.body.return_to(self._record.history)
         self.stepper.start(self._record.state)
+
+    def refuse_far(self, until: float) -> None:
+        """Raise StvkError if rounded times do not resolve the steps before the end `until` [s]."""
+        dt = self._record.clock.dt
+        if not Clock(until, dt).resolves(dt):
+            largest = ROUNDED * dt / np.finfo(float).eps
+            text = f"until = {until:g} s; expected an end before {largest:.0e} s, up to which times resolve steps of {dt:.3g} s."
+            raise StvkError(self._motion.system.units.text(text))
 
     def advance(self, t: float, whole: bool) -> None:
         """Advance to time `t`. A `whole` step advances the clock.

@@ -397,7 +397,7 @@ class PairTerm(ABC):
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
         """Return the energy [J] and the blocks at `u` (nv, d); add the internal force to `force` (nv, d).
 
-        `out` are blocks that this method returned before; they are overwritten. `kept`: which tensions of edges K includes.
+        Without `force`, the energy may be 0. `out` are blocks that this method returned before; they are overwritten. `kept`: which tensions of edges K includes.
         """
 
     def rows(self, pattern: BlockPattern) -> Any:
@@ -479,7 +479,7 @@ class AccumulatedTerm(AccumulatedBlocks, PairTerm):
         blocks = np.empty(pairs.size, dtype=pairs.own.dtype) if out is None or len(out) != pairs.size else out
         self.term.add_blocks(u, pairs.zeroed(blocks), kept)
         pairs.complete(blocks)
-        return self.term.energy_and_force(u, force), blocks
+        return 0.0 if force is None else self.term.energy_and_force(u, force), blocks
 
 
 def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:

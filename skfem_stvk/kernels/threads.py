@@ -16,6 +16,7 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.np.ufunc import parallel
 from numpy.typing import NDArray
 
 Result = TypeVar("Result")
@@ -29,9 +30,13 @@ def threads() -> int:
     """Return the number of threads of kernels.
 
     This is the value of `numba.set_num_threads` in this Python thread, by default one thread per core.
+
+    `numba.get_num_threads` takes a semaphore that forked processes share. If one of them is killed while it holds the semaphore, all
+    others wait for ever. The function that numba loads at its first launch takes none.
     """
+    launched = getattr(parallel, "_get_num_threads", numba.get_num_threads)
     try:
-        count: int = numba.get_num_threads()
+        count: int = launched()
     except ValueError:  # numba does not find the library that NUMBA_THREADING_LAYER names; it is not needed
         count = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
     return count

@@ -264,6 +264,8 @@ def checked_snapshots(body: System, lifts: Lifts, value: ArrayLike | None) -> Ar
         return None
     n, held = body.ndofs, body.supports.held
     snapshots = array("snapshots", value, (n, None), f"({n}, m) displacements, a column for each state, such as the u of results")
+    if not snapshots.shape[1]:
+        raise StvkError(f"snapshots have the shape ({n}, 0); expected a column for each state, or None for modes alone.")
     s = lifts.amounts_of(snapshots[held])
     own = np.asfortranarray(snapshots - lifts.fields @ s)
     off = np.flatnonzero(np.abs(own[held]).max(axis=0, initial=0.0) > 1e-8 * np.abs(snapshots).max(axis=0, initial=0.0))

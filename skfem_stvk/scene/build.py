@@ -17,6 +17,7 @@ import numpy as np
 from ..arguments import Array, shown
 from ..arguments import path as checked_path
 from ..dynamics import Integrator
+from ..dynamics.ledger_rows import refuse_name_of_column
 from ..dynamics.motion import Motion
 from ..errors import RegionError, StvkError, name_known
 from ..materials import Hypothesis, Material
@@ -402,6 +403,8 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             with complaints.at("output", table, name):
                 found[name] = names.place(place)
                 vertices_at(mesh, found[name], name)
+                if table == "probes" and isinstance(sections.analysis, DynamicAnalysis):
+                    refuse_name_of_column(system, name)
     u0 = v0 = None
     if sections.initial.file is not None:
         with complaints.at("initial", "file"):

@@ -16,6 +16,7 @@ from ..arguments import Array
 from ..dynamics import Modes, Run, SimulationError, modes, simulate
 from ..dynamics.loop import REPORTED
 from ..errors import LoadError, SceneError, StvkError, StvkWarning, SupportError, warn
+from ..kernels.threads import threads
 from ..mesh.locations import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
 from ..results.reactions import constrained_vertices, ground_forces_at_rest
@@ -248,10 +249,12 @@ def _judged(sections: SceneTables, values: dict[str, float]) -> tuple[ComparedRe
 
 @contextmanager
 def on_threads(count: int | None) -> Iterator[None]:
-    """Run kernels on this number of threads."""
-    before = numba.get_num_threads()
-    if count is not None:
-        numba.set_num_threads(count)
+    """Run kernels on this number of threads, or on as many as before if it is None."""
+    if count is None:
+        yield
+        return
+    before = threads()
+    numba.set_num_threads(count)
     try:
         yield
     finally:

@@ -171,7 +171,7 @@ def sweep(
             for task, failure in in_processes(_solve, deque(tasks), jobs, threads_per_run):
                 row = _row(tasks[task], folder, _crashed(task) if isinstance(failure, Crashed) else failure)
                 table.add(row)
-                tell(f"[{len(rows)}/{len(runs)}] {_in_a_line(row)}")
+                tell(f"[{len(rows)}/{len(runs)}] {in_a_line(row)}")
         except KeyboardInterrupt:
             tell(f"{len(rows)} of {len(runs)} runs are in {folder / TABLE}; run the same command again for the rest")
             raise
@@ -367,7 +367,8 @@ def _row(run: PlannedRun, folder: Path, error: _Failure | None = None) -> SweepR
     return SweepRow(run.values, path, summary["status"], code, summary.get("seconds"), "" if code == DONE else message, results)
 
 
-def _in_a_line(row: SweepRow) -> str:
+def in_a_line(row: SweepRow) -> str:
+    """Return the folder, the status, the duration and the error of a run."""
     took = "" if row.seconds is None else f" in {row.seconds:.3g} s"
     return f"{row.folder.name}: {row.status}{took}" + (f": {row.message}" if row.message else "")
 

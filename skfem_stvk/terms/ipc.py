@@ -5,6 +5,7 @@ Nothing else imports `ipctk`, which the extra `contact` installs.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
@@ -25,6 +26,8 @@ RESCALING = 0.999
 DETECTING = 10_000
 #: Stretch of the longest edge beyond which the search for collisions does not use a grid: its cells in a triangle fill the memory.
 STRETCHED = 4.0
+#: Part of the distance that vertices may move until the next search.
+MARGIN = 0.25
 
 
 class Collisions(NamedTuple):
@@ -79,37 +82,54 @@ class Barrier:
         self._potential = ipctk.BarrierPotential(distance, stiffness, use_physical_barrier=True)
         self._detection = ipctk.AdditiveCCD(max_iterations=DETECTING, conservative_rescaling=RESCALING)
         self._longest = STRETCHED * self._longest_edge(X)
-        #: Positions of the last search, whether they were far-stretched, and the pairs that it found.
-        self._near: tuple[Array, bool, Any] | None = None
+        #: Positions at both ends of the way of the last search, whether they were far-stretched, and the pairs that it found.
+        self._near: tuple[Array, Array, bool, Any] | None = None
 
     def __reduce__(self) -> tuple[type[Barrier], tuple[Any, ...]]:
         return Barrier, self._made_of  # objects of the toolkit cannot be pickled
 
     def collisions(self, x: Array) -> Collisions:
         """Return the collisions at `x`. They depend on nothing else."""
-        found, x = self._toolkit.NormalCollisions(), np.asfortranarray(x)
+        return self.collisions_along(x, x, (0.0,))[0]
+
+    def collisions_along(self, x0: Array, x1: Array, points: Iterable[float]) -> list[Collisions]:
+        """Return the collisions at `x0 + s (x1 - x0)` for each of the points `s` between 0 and 1, from one search."""
+        pairs = self._near_pairs(x0, x1)
+        return [self._among(pairs, np.asfortranarray(x0 + s * (x1 - x0))) for s in points]
+
+    def _among(self, pairs: Any, x: Array) -> Collisions:
+        """Return the collisions at `x` among pairs of primitives."""
+        found = self._toolkit.NormalCollisions()
         found.use_area_weighting = True
         found.collision_set_type = self._toolkit.NormalCollisions.CollisionSetType.IMPROVED_MAX_APPROX
-        found.build(self._near_pairs(x), self._mesh, x, self.distance)
+        found.build(pairs, self._mesh, x, self.distance)
         return Collisions(x, found)
 
-    def _near_pairs(self, x: Array) -> Any:
-        """Return all pairs of primitives closer than the distance at `x`, and more, in an order that depends on their ids alone.
+    def _near_pairs(self, x0: Array, x1: Array) -> Any:
+        """Return all pairs of primitives closer than the distance on the straight way from `x0` to `x1`, and more.
 
-        A search lists pairs up to twice the distance. They serve until a vertex has moved by half the distance. A search takes
-        three times as long as the collisions among its pairs, whose bits do not depend on where it was made.
+        Their order depends on their ids alone. A search lists pairs up to the distance and twice the `MARGIN`. They serve until a
+        vertex at an end of the way has moved by the margin. A search takes three times as long as the collisions among its pairs,
+        whose bits do not depend on where it was made.
         """
-        near, far = self._near, not self._longest_edge(x) <= self._longest
-        moved = np.inf if near is None else np.square(x - near[0]).sum(axis=1).max()
-        if near is None or near[1] != far or not moved < (0.5 * self.distance) ** 2:
-            pairs = self._toolkit.Candidates()
-            # LBVH takes half the time, but lists pairs of edges in either order. ipctk 1.6.1 then merges different types of nearly
-            # parallel pairs, and the energy changes by 1e-3 when the body is turned.
-            # HashGrid fills the memory for a far-stretched body. SweepAndPrune finds the same pairs, in twice the time.
-            search = self._toolkit.SweepAndPrune() if far else self._toolkit.HashGrid()
-            pairs.build(self._mesh, x, self.distance, broad_phase=search)
-            self._near = near = x.copy(), far, pairs
-        return near[2]
+        near, far = self._near, not all(self._longest_edge(x) <= self._longest for x in (x0, x1))
+        if near is None or near[2] != far or not (self._is_near(x0, near[0]) and self._is_near(x1, near[1])):
+            self._near = near = x0.copy(), x1.copy(), far, self._search(x0, x1, far)
+        return near[3]
+
+    def _search(self, x0: Array, x1: Array, far: bool) -> Any:
+        """Return the pairs for `_near_pairs`; `far` says that an edge is far-stretched."""
+        pairs, (start, end) = self._toolkit.Candidates(), map(np.asfortranarray, (x0, x1))
+        # LBVH takes half the time, but lists pairs of edges in either order. ipctk 1.6.1 then merges different types of nearly
+        # parallel pairs, and the energy changes by 1e-3 when the body is turned.
+        # HashGrid fills the memory for a far-stretched body. SweepAndPrune finds the same pairs, in twice the time.
+        search = self._toolkit.SweepAndPrune() if far else self._toolkit.HashGrid()
+        pairs.build(self._mesh, start, end, (0.5 + MARGIN) * self.distance, broad_phase=search)
+        return pairs
+
+    def _is_near(self, x: Array, before: Array) -> bool:
+        """Return whether no vertex has moved by the margin."""
+        return bool(np.square(x - before).sum(axis=1).max() < (MARGIN * self.distance) ** 2)
 
     def _longest_edge(self, x: Array) -> float:
         ends = x[self.edges]

@@ -1,7 +1,9 @@
 """A simulation that another program drives makes the steps of `simulate`, with inputs, and goes back to the last bit."""
 
+import pickle
 import sys
 import threading
+from copy import copy, deepcopy
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +19,7 @@ from skfem_stvk import (
     SimulationError,
     StVK,
     System,
+    Traction,
     simulate,
     solve_static,
 )
@@ -188,6 +191,101 @@ def test_a_restored_state_is_that_before_elements_were_removed(integrator, ledge
         sim.restore(saved)
         assert not len(sim.system.removed)
     assert_same(*found)
+
+
+def others(system):
+    """Return simulations that differ from `Simulation(system, BackwardEuler(DT))` in one respect each, or in none."""
+    mesh, weight = system.mesh, Gravity((0.3, -1.0, 0.5))
+    held = {"fixed": {"left": "xyz"}, "prescribed": {"right": "xyz"}}
+    return {
+        "the same": Simulation(system, BackwardEuler(DT)),
+        "law": Simulation(System(mesh, [material(mesh, 2.0), weight], **held), BackwardEuler(DT)),
+        "load": Simulation(System(mesh, [material(mesh, 3.0), Gravity((0, 1.0, 0))], **held), BackwardEuler(DT)),
+        "supports": Simulation(System(mesh, system.terms, {"left": "xy"}, prescribed={"right": "xyz"}), BackwardEuler(DT)),
+        "step": Simulation(system, BackwardEuler(2 * DT)),
+        "integrator": Simulation(system, Newmark(DT)),
+        "mass": Simulation(system, BackwardEuler(DT), mass="consistent"),
+        "damping": Simulation(system, BackwardEuler(DT), damping=BOTH),
+        "start": Simulation(system, BackwardEuler(DT), t0=1.0),
+        "pushed": Simulation(system, BackwardEuler(DT), pushed=["middle"]),
+        "ledger": Simulation(system, BackwardEuler(DT), ledger=True),
+    }
+
+
+def test_states_of_other_simulations_are_refused_before_anything_changes():
+    system = gripped()
+    sim = Simulation(system, BackwardEuler(DT))
+    sim.step(right=hand(3))
+    before = state_of(sim)
+    for name, other in others(system).items():
+        other.step(right=hand(5))
+        with pytest.raises(StvkError, match=r"restore\(a state of another simulation\); expected a result of copy_state"):
+            sim.restore(other.copy_state())
+        assert_same(state_of(sim), before)
+        assert sim.system is not other.system or name != "law"
+    sim.step(right=hand(4))
+    same = Simulation(system, BackwardEuler(DT))
+    for i in (3, 4):
+        same.step(right=hand(i))
+    assert_same(state_of(sim), state_of(same))
+
+
+@pytest.mark.parametrize("copied", [copy, deepcopy, pickle.dumps], ids=lambda one: one.__name__)
+def test_copies_that_would_share_the_state_are_refused(copied):
+    for system in (gripped(), ReducedSystem(gripped(), 4, 2, quiet=True)):
+        sim = Simulation(system, BackwardEuler(DT))
+        with pytest.raises(StvkError, match=r"cannot be copied or pickled; expected copy_state\(\) and restore"):
+            copied(sim)
+
+
+@pytest.mark.parametrize("integrator", [BackwardEuler(DT), EXPLICIT_BY_ITSELF], ids=by_name)
+@pytest.mark.parametrize("call", ["step", "remove", "restore", "save", "copy_state"])
+def test_motions_and_loads_of_a_simulation_cannot_change_it(integrator, call, tmp_path):
+    mesh, calls, sims = with_middle(MESHES[3]), [], []
+
+    def once():
+        if calls:
+            getattr(sims[0], calls.pop())(*arguments[call])
+
+    def moved(x, t):
+        return once() or np.array([0.0, 0.1 * t, 0.0])
+
+    def pulled(x, t):
+        return once() or np.full_like(x, 0.1 * t)
+
+    motion = System(mesh, [material(mesh)], fixed={"left": "xyz"}, prescribed={"right": moved})
+    load = System(mesh, [material(mesh), Traction("right", pulled)], fixed={"left": "xyz"})
+    for system in (motion, load):
+        sims[:] = [Simulation(system, integrator, ledger=True)]
+        sims[0].step()
+        saved, before = sims[0].copy_state(), state_of(sims[0])
+        arguments = {"step": (), "remove": ([2],), "restore": (saved,), "save": (tmp_path,), "copy_state": ()}
+        calls.append(call)
+        with pytest.raises(
+            StvkError, match=rf"{call}\(\) within a call of this simulation, by a motion or a load; expected functions"
+        ):
+            sims[0].step()
+        assert not calls and not list(tmp_path.iterdir())
+        assert_same(state_of(sims[0]), before)
+        sims[0].step()
+        found = state_of(sims[0])
+        sims[0].restore(saved)
+        sims[0].step()
+        assert_same(state_of(sims[0]), found)
+
+
+@pytest.mark.parametrize("integrator", [BackwardEuler(DT), LinearBackwardEuler(DT), EXPLICIT_BY_ITSELF], ids=by_name)
+@pytest.mark.parametrize("until", [1e308, 1e300, 1e20])
+def test_an_end_up_to_which_times_do_not_resolve_the_steps_is_refused(integrator, until):
+    sim = Simulation(gripped(), integrator)
+    with pytest.raises(
+        StvkError, match=r"until = 1e\+\d+ s; expected an end before \de\+\d+ s, up to which times resolve steps of"
+    ):
+        sim.step(until=until, right=hand(3))
+    assert sim.t == 0 and not sim.u.any()
+    sim.step(right=hand(2))
+    with pytest.raises(StvkError, match="up to which times resolve steps of"):
+        simulate(clamped_free(), integrator, until=until, quiet=True)
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=by_name)

@@ -429,6 +429,15 @@ CASES = [
         )
         for name in ("energy", "ledger", "time", "displacement", "critical")
     ),
+    *(
+        Broken(
+            f"a probe named {name}",
+            [("probes = { tip", f'probes = {{ "{name}" = "right", tip')],
+            f"scene.toml: output.probes{loc}, line 42: probe '{name}'; expected another name: the ledger has columns of this name "
+            "that are no displacements.",
+        )
+        for name, loc in (("total_energy", ".total_energy"), ("reaction wall", '."reaction wall"'))
+    ),
     Broken(
         "a reaction named as a plot",
         [("reactions = { wall", 'reactions = { ledger = "left", wall')],

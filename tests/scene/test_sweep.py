@@ -94,6 +94,17 @@ def test_a_sweep_is_the_product_of_its_values_and_each_run_equals_a_single_run(s
     assert rows[0]["folder"] == "young=1e6,fixed=left_xy"
 
 
+def test_a_quiet_sweep_prints_the_errors_of_failed_runs_alone(tmp_path, capsys):
+    path = scene(tmp_path, STATIC)
+    capsys.readouterr()
+    command = ["sweep", str(path), "--set", "fixed={left='xy'},{hole='xy'}", "--jobs", "1", "--quiet"]
+    for _ in range(2):  # computed, then read from the folder of the sweep
+        assert main(command) == 1
+        printed = capsys.readouterr()
+        assert not printed.out and printed.err.count("error") == 1
+        assert "fixed=hole_xy: " in printed.err and "'hole'" in printed.err
+
+
 def test_a_failed_run_has_its_message_in_the_table_and_other_runs_continue(swept):
     rows = table(swept[0].parent / "beam-sweep")
     assert [row["exit_code"] for row in rows] == ["0", "2", "1", "2", "3", "2"]

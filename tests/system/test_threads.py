@@ -5,6 +5,8 @@ Results are the same up to rounding for any number of threads, which may change 
 
 import multiprocessing
 import os
+import subprocess
+import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -96,6 +98,50 @@ def test_a_forked_process_has_threads_of_its_own(monkeypatch):
     F = body.internal_force(u)
     with multiprocessing.get_context("fork").Pool(1) as pool:
         assert np.array_equal(pool.apply_async(body.internal_force, (u,)).get(timeout=300), F)
+
+
+#: A child of this process is killed while it holds the semaphore of numba's threads, which forks share.
+KILLED = """
+import multiprocessing, os, signal
+multiprocessing.set_start_method("fork")
+import numba, numpy as np
+from numba.np.ufunc import parallel
+from skfem_stvk import StVK, System
+from skfem_stvk.kernels.threads import threads
+from skfem_stvk.mesh import box
+from skfem_stvk.scene.run import on_threads
+body = System(box((1.0, 1.0, 1.0), (2, 2, 2)), StVK(young=2.0, poisson=0.3))
+u = np.sin(np.arange(body.ndofs))
+before = body.internal_force(u)
+numba.set_num_threads(1)
+assert threads() == 1
+child = os.fork()
+if not child:
+    parallel._backend_init_process_lock.acquire()
+    os.kill(os.getpid(), signal.SIGKILL)
+os.waitpid(child, 0)
+with on_threads(None):
+    assert np.array_equal(body.internal_force(u), before) and body.tangent(u).nnz and threads() == 1
+print("went on", flush=True)
+os._exit(0)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system has no fork")
+def test_kernels_go_on_after_a_forked_process_was_killed_within_a_call():
+    found = subprocess.run([sys.executable, "-c", KILLED], capture_output=True, text=True, timeout=120)
+    assert found.stdout == "went on\n", found.stderr
+
+
+@needs_two
+def test_the_number_of_threads_is_that_of_numba_in_each_python_thread(threads):
+    threads(1)
+    assert kernel_threads.threads() == numba.get_num_threads() == 1
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(threads, 2).result()
+        assert (pool.submit(kernel_threads.threads).result(), kernel_threads.threads()) == (2, 1)
+    threads(2)
+    assert kernel_threads.threads() == 2
 
 
 def test_bodies_of_several_python_threads_do_not_disturb_each_other(monkeypatch):

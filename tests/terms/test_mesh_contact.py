@@ -16,6 +16,7 @@ from skfem_stvk import (
     EnergyMomentum,
     Friction,
     GeneralizedAlpha,
+    Gravity,
     LinearBackwardEuler,
     MeshContact,
     NeoHookean,
@@ -32,6 +33,7 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
+from skfem_stvk.dynamics.step_problem import StepProblem
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.terms import ipc
@@ -201,6 +203,82 @@ def test_the_mean_tangent_is_near_twice_the_derivative_of_the_mean_force():
         K = system.tangent(u).toarray() - without.tangent(u).toarray()
     change = slope(twice)
     assert np.abs(K @ v - change).max() < 0.02 * np.abs(change).max()
+
+
+def steps_of_any_size(system):
+    """Return displacements at both ends of steps: to contact, away, from one contact to another, along the surface, and at rest."""
+    apart, near, sheared = (np.zeros((system.mesh.nv, 3)) for _ in range(3))
+    above, x = upper(system), system.mesh.p.T
+    apart[above, 2], near[above, 2] = 2 * DISTANCE, -0.97 * GAP
+    left, right = near.copy(), near.copy()
+    left[above, 2] += 0.03 * x[above, 0]
+    right[above, 2] += 0.03 * (0.1 - x[above, 0])
+    sheared[above, :2] = 0.5 * DISTANCE
+    held = deformed(system)[0].reshape(-1, 3)
+    return {"touch": (apart, near), "leave": (near, apart), "rock": (left, right), "slide": (held, held + sheared)}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_mean_force_has_the_work_of_the_energy_and_no_resultant_over_steps_of_any_size(kind):
+    system, _ = pair(kind)
+    term = system.bound_terms[1]
+    for name, (u0, u1) in steps_of_any_size(system).items():
+        f = np.zeros_like(u0)
+        term.mean_force(u0, u1, (0.5, 0.5), 0.5, f)
+        W0, W1 = term.energy_and_force(u0), term.energy_and_force(u1)
+        assert W0 + W1 > 1e-7 and abs((f * (u1 - u0)).sum() - (W1 - W0)) < 1e-11 * (W0 + W1), name
+        assert np.abs(f.sum(axis=0)).max() < 1e-12 * np.abs(f).sum(), name
+        forces = [np.abs(force_of(term, (u0 + s * (u1 - u0)).ravel())).max() for s in (0.0, 0.5, 1.0)]
+        assert 0 < np.abs(f).max() <= 2 * max(forces), name
+
+
+def test_round_off_of_a_body_at_rest_does_not_change_the_mean_force():
+    system, _ = pair()
+    term, u = system.bound_terms[1], by_node(deformed(system)[0])
+    force, rng = by_node(force_of(term, u.ravel())), np.random.default_rng(2)
+    for _ in range(20):
+        f = np.zeros_like(u)
+        term.mean_force(u, u + 1e-18 * rng.normal(size=u.shape), (0.5, 0.5), 0.5, f)
+        assert np.abs(f - force).max() < 1e-9 * np.abs(force).max()
+
+
+def test_a_step_of_energy_momentum_evaluates_its_mean_force_at_two_states_per_iterate_from_one_search(monkeypatch):
+    system, _ = pair(fixed={FLOOR: "xyz"})
+    counts, touching = dict.fromkeys(("searches", "states", "forces"), 0), 0
+
+    def counting(cls, name, counted):
+        method = getattr(cls, name)
+
+        def counted_method(self, *arguments):
+            counts[counted] += 1
+            return method(self, *arguments)
+
+        monkeypatch.setattr(cls, name, counted_method)
+
+    monkeypatch.setattr(ipc, "MARGIN", 1e-4)  # no search serves for another iterate
+    counting(ipc.Barrier, "_search", "searches")
+    counting(ipc.Barrier, "_among", "states")
+    counting(StepProblem, "_internal_force", "forces")
+    sim = Simulation(system, EnergyMomentum(dt=1e-4), v0=thrown(system))
+    for _ in range(8):
+        before, iterations = dict(counts), sim.iterations
+        sim.step()
+        now = {name: counts[name] - before[name] for name in counts}
+        assert now["searches"] <= now["forces"] + 2 and now["states"] <= 2 * now["forces"] + 4
+        touching += system.bound_terms[1].energy_and_force(by_node(sim.u)) > 0
+        assert now["forces"] == sim.iterations - iterations + 1  # the line search takes the first state
+    assert touching > 3
+
+
+def test_a_contact_that_nothing_touches_costs_no_iterations():
+    v, iterations = None, []
+    for system in pair(gap=1.5 * DISTANCE):
+        v = 0.1 * np.sin(40 * system.mesh.p.T[:, [1, 2, 0]]).ravel() if v is None else v
+        sim = Simulation(system, EnergyMomentum(dt=5e-4), v0=v)
+        sim.step()
+        sim.step()
+        iterations.append(sim.iterations)
+    assert iterations[0] == iterations[1] > 4
 
 
 def test_contact_limit_is_the_fraction_of_the_way_at_which_surfaces_meet():
@@ -463,6 +541,21 @@ def test_simulations_of_one_system_in_threads_do_not_affect_each_other():
         sys.setswitchinterval(interval)
     for speed in speeds:
         assert np.array_equal(found["alone", speed], found["beside", speed])
+
+
+def test_a_simulation_halves_a_step_with_contact_between_meshes_as_simulate_does():
+    system, _ = pair(fixed={FLOOR: "xyz"})
+    fast, dt = thrown(system, speed=1.0), 2e-3
+    run = simulate(system, EnergyMomentum(dt=dt), until=2 * dt, v0=fast, quiet=True)
+    sim = Simulation(system, EnergyMomentum(dt=dt), v0=fast)
+    for _ in range(2):
+        sim.step()
+    assert run.cuts > 0 and np.array_equal(sim.u, run.u) and np.array_equal(sim.v, run.v)
+    whole = Simulation(system, EnergyMomentum(dt=dt), v0=fast, halvings=0)
+    with pytest.raises(SimulationError, match=r"Try a smaller dt, smaller changes of the inputs, or halvings=6; on_failure"):
+        whole.step()
+    one = Simulation(System(skfem.MeshTet(), [LAW, Gravity((0, 0, -9.81))], {FLOOR: "xyz"}), EnergyMomentum(dt=dt))
+    assert (sim._steps.halvings, one._steps.halvings) == (6, 0)
 
 
 def test_a_fast_body_does_not_pass_through_another_one():
