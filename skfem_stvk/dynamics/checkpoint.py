@@ -136,6 +136,7 @@ class MotionHeader(Header):
     seconds: dict[str, Annotated[float, Field(ge=-1)]]  # run time by part; "other" may be negative by rounding
     probes: list[str]
     reactions: list[str]
+    supports: dict[str, str] = Field(default_factory=dict)  # words of the support of each reaction; empty for another location
     columns: list[str]
     save: str | None  # series as the user named it; a resumed run uses its file name alone, see `outputs._series_next_to`
     every: PositiveInt  # steps from one saved state to the next
@@ -271,9 +272,11 @@ def packed(
         arrays |= dict(zip(HIERARCHY, (u0, w), strict=True))
     if len(record.removed):
         arrays |= {"removed": record.removed, "removed at": record.removed_at}
-    for kind, vertices in locations._asdict().items():
+    reactions = locations.reactions
+    for kind, vertices in (("probes", locations.probes), ("reactions", {x: place.vertices for x, place in reactions.items()})):
         about[kind] = list(vertices)
         arrays |= {f"{kind} {name}": _in_whole_mesh(mesh, ids) for name, ids in vertices.items()}
+    about["supports"] = {name: place.support for name, place in reactions.items()}
     return about, arrays
 
 
@@ -325,7 +328,9 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     """
     header, ledger, system = saved.header, saved.ledger, motion.system
     probes, reactions = _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
-    locations = LedgerLocations.checked(system, probes, reactions)
+    locations = LedgerLocations.checked(system, probes, reactions, header.supports)
+    if lost := [words for name, words in header.supports.items() if locations.reactions[name].support != words]:
+        raise ValueError(f"it records the reaction of the support {lost[0]}, which the system lacks")
     removing = saved.method.remove is not None
     if ledger.names != column_names(motion.body, *locations, removing=removing):
         raise ValueError(f"its ledger has the columns {', '.join(ledger.names)}")

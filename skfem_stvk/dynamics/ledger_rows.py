@@ -14,7 +14,7 @@ from ..arguments import Array, shown
 from ..errors import StvkError
 from ..mesh.displacements import by_vertex
 from ..mesh.locations import Where, vertices_at
-from ..results.reactions import constrained_vertices
+from ..results.reactions import ReactionPlace
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..terms.protocols import CanPenetrate
@@ -29,7 +29,7 @@ FRICTION = "friction_work"
 #: Column with the energy of the elements that were removed.
 REMOVED = "removed_energy"
 Vertices = Mapping[str, NDArray[np.int64]]
-NO_LOCATIONS: Vertices = MappingProxyType({})
+NO_LOCATIONS: Mapping[str, Any] = MappingProxyType({})
 
 
 class Balance(NamedTuple):
@@ -161,11 +161,17 @@ class LedgerLocations(NamedTuple):
     """Vertices by name whose motion and forces a ledger records."""
 
     probes: Vertices = NO_LOCATIONS  # vertices whose mean displacements are recorded
-    reactions: Vertices = NO_LOCATIONS  # vertices at which the forces of supports and foundations are recorded
+    reactions: Mapping[str, ReactionPlace] = NO_LOCATIONS  # locations whose forces of supports and foundations are recorded
 
     @classmethod
-    def checked(cls, system: System, probes: Mapping[str, Where] | None, reactions: Mapping[str, Where] | None) -> LedgerLocations:
-        """Return the vertices of the requested locations.
+    def checked(
+        cls,
+        system: System,
+        probes: Mapping[str, Where] | None,
+        reactions: Mapping[str, Where] | None,
+        supports: Mapping[str, str] = NO_LOCATIONS,
+    ) -> LedgerLocations:
+        """Return the requested locations. `supports` are the words of supports whose locations a file has as vertices.
 
         Raises
         ------
@@ -180,7 +186,9 @@ class LedgerLocations(NamedTuple):
         for name in probed:
             refuse_name_of_column(system, name)
         moving = {name: vertices_at(system.mesh, where, f"probe {name!r}") for name, where in probed.items()}
-        supporting = {name: constrained_vertices(system, where, f"reaction {name!r}") for name, where in supported.items()}
+        supporting = {
+            name: ReactionPlace.of(system, where, f"reaction {name!r}", supports.get(name)) for name, where in supported.items()
+        }
         return cls(moving, supporting)
 
 
@@ -195,7 +203,10 @@ class LedgerWriter:
         self.motion, self.ledger, self._dt, self._mean = motion, ledger, dt, mean
         mesh = motion.system.mesh
         counts = mesh.space.counted(np.ones(mesh.nv)) > 0  # each node once in a divided body
-        probes, self._reactions = ([ids[counts[ids]] for ids in some.values()] for some in locations)
+        probes = [ids[counts[ids]] for ids in locations.probes.values()]
+        self._reactions = [
+            place._replace(shares=place.shares * counts[place.vertices, None]) for place in locations.reactions.values()
+        ]
         dofs = [(mesh.d * vertices[:, None] + np.arange(mesh.d)).ravel() for vertices in probes]
         self._probes = [motion.states.entries(one) for one in dofs]
         self._probed = [mesh.space.total(len(vertices)) for vertices in probes]
@@ -274,9 +285,9 @@ class LedgerWriter:
             row += list(mesh.space.total(displacements(state.u).reshape(-1, mesh.d).sum(axis=0)) / count)
         if self._reactions:
             times = [*self.ledger["time"][-2:].tolist(), state.t]
-            forces = motion.ground_forces(state, times, self._dt, self._mean).reshape(-1, mesh.d)
-            for vertices in self._reactions:
-                row += list(mesh.space.total(forces[vertices].sum(axis=0)))
+            forces = motion.ground_forces(state, times, self._dt, self._mean)
+            for place in self._reactions:
+                row += list(mesh.space.total(place.forces(forces).sum(axis=0)))
         for contact, force in zip(motion.system.contacts, state.forces, strict=False):
             row += list(force.reshape(-1, mesh.d)[contact.nodes].sum(axis=0))
             if isinstance(contact, CanPenetrate):

@@ -62,7 +62,7 @@ class Options:
         """Refuse probes and reactions that are passed again but differ from those of the file."""
         now = LedgerLocations.checked(system, self.probes, self.reactions)
         for kind, supplied in (("probes", self.probes), ("reactions", self.reactions)):
-            then, requested = getattr(stored, kind), getattr(now, kind)
+            then, requested = ({x: getattr(ids, "vertices", ids) for x, ids in getattr(one, kind).items()} for one in (stored, now))
             same = list(then) == list(requested) and all(np.array_equal(np.sort(then[x]), np.sort(requested[x])) for x in then)
             if supplied is not None and not same:
                 raise StvkError(

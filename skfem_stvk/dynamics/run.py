@@ -21,7 +21,7 @@ from ..results.contact import ContactState, contact_state, contact_states, shape
 from ..results.files import of_leader
 from ..results.monitors import Finding
 from ..results.plotting import thumbnail
-from ..results.reactions import constrained_vertices
+from ..results.reactions import ReactionPlace
 from ..results.table import labels_of_files
 from ..results.vtu import DEFAULT
 from ..system import System
@@ -135,7 +135,8 @@ class Run:
         Parameters
         ----------
         where
-            Boundary, node set, vertex ids or a predicate; None for all locations.
+            Boundary, node set, vertex ids or a predicate; None for all locations. As in `StaticResult.reaction`, the location of a
+            support has its components and its share of common ones; any other has all constrained components at its nodes.
 
         Raises
         ------
@@ -144,10 +145,8 @@ class Run:
         SupportError
             if there is no support and no foundation at this location.
         """
-        vertices = constrained_vertices(self.system, where)
-        times, mesh = self.ledger["time"][-3:].tolist(), self.system.mesh
-        forces = self.motion.ground_forces(self.last, times, self.dt, self.integrator.mean)
-        return Reaction.of(mesh, self.u, forces, mesh.node_numbers[vertices], self.system.units)
+        place, times = ReactionPlace.of(self.system, where), self.ledger["time"][-3:].tolist()
+        return place.reaction(self.system, self.u, self.motion.ground_forces(self.last, times, self.dt, self.integrator.mean))
 
     def contact(self, name: str) -> ContactState:
         """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.

@@ -19,6 +19,7 @@ from ..errors import StateError, StvkError, SupportError
 from ..mesh.locations import Where, vertices_at
 from ..notebook import html_table
 from ..results.contact import ContactState, contact_state
+from ..results.reactions import ReactionPlace
 from ..system import System
 from ..system.coordinates import Coordinates
 from ..system.divided import refuse_divided
@@ -369,7 +370,8 @@ class Simulation:
         Parameters
         ----------
         name
-            Name of the location.
+            Name of the location. As in `StaticResult.reaction`, that of a support has its components and its share of common ones;
+            any other has all components that supports constrain at its nodes.
 
         Raises
         ------
@@ -388,17 +390,18 @@ class Simulation:
     def _reaction_at(self, name: str) -> Callable[[], Array]:
         """Return the function that computes the reaction at a location."""
         motion, state, supports, d = self._motion, self._record.state, self.system.supports, self.system.mesh.d
-        dofs = self._dofs_at(name, "reaction")
-        held = np.isin(dofs, supports.held)
-        if not held.any():
+        if not np.isin(self._dofs_at(name, "reaction"), supports.held).any():
             raise SupportError(
                 f"reaction: no support acts at {shown(name)}; expected a location with fixed or prescribed components."
             )
+        place = ReactionPlace.of(self.system, name)
+        shares = place.shares * np.isin(d * place.vertices[:, None] + np.arange(d), supports.held)
+        place = place._replace(shares=shares)
         if not isinstance(motion.body, Coordinates):
-            return lambda: np.asarray(state.reaction[dofs].sum(axis=0))
+            return lambda: np.asarray(place.forces(state.reaction).sum(axis=0))
         moved = supports.moved.get(name)
-        if moved is None or np.count_nonzero(held) > moved.indices.size:
-            return lambda: np.asarray((self._ground_forces()[dofs] * held).sum(axis=0))
+        if moved is None or np.count_nonzero(shares) > moved.indices.size:
+            return lambda: np.asarray(place.forces(self._ground_forces()).sum(axis=0))
         lifts = motion.free.fixed[self._inputs.moved[self._inputs.known[name].part]]
         along = np.eye(d)[["xyz".index(letter) for letter in moved.components]]
         return lambda: np.asarray(state.reaction[lifts] @ along)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +15,7 @@ from ..linear import Kind, Unknowns
 from ..linear.choose import direct
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
-from ..mesh.locations import Where, describe, vertices_at
+from ..mesh.locations import LocationShape, Where, describe, vertices_at
 from ..system import FreeDofs, System
 from ..units import UNITS, UnitSystem
 
@@ -159,6 +160,46 @@ def constrained_vertices(system: System, where: Where | None, what: str = "react
             f"{what}: no support and no foundation acts at {describe(where)}, so there is no reaction. Check the location."
         )
     return vertices
+
+
+class ReactionPlace(NamedTuple):
+    """Location of a reaction: its vertices (n,), the shares (n, d) of the forces there, and its words if it is that of a support.
+
+    The location of a support has the components that this support constrains. A component that k supports constrain at a node
+    gives each of them 1/k of the force, so that the reactions of all supports add up. Forces of foundations belong to the supports
+    at a node, or to the foundation where there are none. Any other location has all forces at its nodes.
+    """
+
+    vertices: NDArray[np.int64]
+    shares: Array
+    support: str
+
+    @classmethod
+    def of(cls, system: System, where: Where | None, what: str = "reaction", support: str | None = None) -> ReactionPlace:
+        """Return the vertices at a location that are constrained, and their shares. Errors as in `constrained_vertices`.
+
+        The location of a support is the same name, shape or tuple of ids as for `fixed` or `prescribed`, or the same object. If
+        `support` is not None, it has the words of the support whose vertices are `where`, or is empty for another location.
+        """
+        vertices, d, own = constrained_vertices(system, where, what), system.mesh.d, np.zeros(system.ndofs)
+        words, (by_words, counts) = describe(where) if support is None else support, system.reaction_shares
+        alike = support is not None or isinstance(where, str | tuple | LocationShape)
+        for place, dofs in by_words.get(words, ()):
+            own[dofs] += (alike or place is where) and np.isin(dofs // d, vertices).all()
+        if where is None or not system.space.any(bool(own.any())):
+            return cls(vertices, np.ones((len(vertices), d)), "")
+        return cls(vertices, (own / np.maximum(counts, 1)).reshape(-1, d)[vertices], words)
+
+    def forces(self, of_all: Array) -> Array:
+        """Return the forces (n, d) on its vertices, from those of supports and foundations on all nodes (ndofs,)."""
+        of_vertices: Array = self.shares * of_all.reshape(-1, self.shares.shape[1])[self.vertices]
+        return of_vertices
+
+    def reaction(self, system: System, u: Array, of_all: Array) -> Reaction:
+        """Return the reaction at displacements `u`, from the forces on all nodes (ndofs,)."""
+        forces = np.zeros((system.mesh.nv, system.mesh.d))
+        forces[self.vertices] = self.forces(of_all)
+        return Reaction.of(system.mesh, u, forces, system.mesh.node_numbers[self.vertices], system.units)
 
 
 def _centred(x: Array) -> Array:

@@ -19,7 +19,7 @@ from ..errors import LoadError, SceneError, StvkError, StvkWarning, SupportError
 from ..kernels.threads import threads
 from ..mesh.locations import vertices_at
 from ..nonlinear.outcome import Interrupted, finishing_steps
-from ..results.reactions import constrained_vertices, ground_forces_at_rest
+from ..results.reactions import ReactionPlace, ground_forces_at_rest
 from ..statics import SolveError, StaticResult, solve_static
 from .build import ENERGIES, Built, expectations
 from .complaints import Complaints
@@ -208,10 +208,10 @@ def _curves(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
         count = space.total(float(weights.sum()))
         curves[name] = Curve(t, np.array([total(u.reshape(-1, d)[at], weights) / count for _, u in states]), "length")
     if built.reactions:
-        forces = [ground_forces_at_rest(built.system, u, one, result.projected).reshape(-1, built.mesh.d) for one, u in states]
+        forces = [ground_forces_at_rest(built.system, u, one, result.projected) for one, u in states]
         for name, where in built.reactions.items():
-            at = constrained_vertices(built.system, where, name)
-            curves[name] = Curve(t, np.array([total(each[at], counted[at]) for each in forces]), "force")
+            place = ReactionPlace.of(built.system, where, name)
+            curves[name] = Curve(t, np.array([total(place.forces(each), counted[place.vertices]) for each in forces]), "force")
     return curves
 
 

@@ -21,7 +21,7 @@ from ..notebook import html_table
 from ..results import Fields, Reaction, State, plot, write_vtu
 from ..results.contact import ContactState, contact_state, contact_states
 from ..results.plotting import thumbnail
-from ..results.reactions import constrained_vertices, ground_forces_at_rest
+from ..results.reactions import ReactionPlace, ground_forces_at_rest
 from ..results.series import save_series
 from ..results.vtu import DEFAULT
 from ..system import System
@@ -91,7 +91,9 @@ class StaticResult:
         Parameters
         ----------
         where
-            Boundary, node set, vertex ids or a predicate; None for the whole body.
+            Boundary, node set, vertex ids or a predicate; None for the whole body. The location of a support, as passed to `fixed`
+            or `prescribed`, has the components that this support constrains. If k supports constrain a component at a node, each
+            has 1/k of the force. Any other location has all constrained components at its nodes.
 
         Raises
         ------
@@ -100,9 +102,8 @@ class StaticResult:
         SupportError
             if no support or foundation acts there.
         """
-        vertices = constrained_vertices(self.system, where)
-        forces = ground_forces_at_rest(self.system, self.u, self.t, self.projected)
-        return Reaction.of(self.system.mesh, self.u, forces, self.system.mesh.node_numbers[vertices], self.system.units)
+        place = ReactionPlace.of(self.system, where)
+        return place.reaction(self.system, self.u, ground_forces_at_rest(self.system, self.u, self.t, self.projected))
 
     def contact(self, name: str) -> ContactState:
         """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.

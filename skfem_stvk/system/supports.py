@@ -48,6 +48,8 @@ class Supports:
     ----------
     fixed, prescribed, held
         Degrees of freedom `d * node + component`, ascending; `held` is the union of the other two.
+    entries
+        Pairs of a location and the degrees of freedom that a support constrains there; a location may have several.
     moved
         `MovedLocation` by name: locations whose displacements are inputs.
     steady
@@ -73,11 +75,14 @@ class Supports:
         self, mesh: ElementMesh, fixed: Displacements | DofsView | None = None, prescribed: Displacements | None = None
     ) -> None:
         self._mesh = mesh = ElementMesh.of(mesh)
-        self.fixed = fixed_dofs(mesh, fixed)
+        fixed_at = _fixed_entries(mesh, fixed)
+        self.fixed = _union([dofs for _, dofs in fixed_at])
         entries = _pairs(prescribed, "prescribed", '{"handle": {"x": 0.01}}')
         inputs = {where: self._moved_dofs(where, argument) for where, argument in entries if isinstance(argument, str)}
-        values = [(where, argument) for where, argument in entries if not isinstance(argument, str)]
-        motions = [motion for where, argument in values for motion in self._move(where, argument)]
+        values = [(where, self._move(where, argument)) for where, argument in entries if not isinstance(argument, str)]
+        motions = [motion for _, moves in values for motion in moves]
+        moved_at = [(where, dofs) for where, moves in values for dofs, _ in moves]
+        self.entries = [(where, dofs.ravel()) for where, dofs in (*fixed_at, *moved_at, *inputs.items())]
         self.prescribed = _union([*(dofs for dofs, _ in motions), *inputs.values()])
         self.held = np.union1d(self.fixed, self.prescribed)
         self._refuse_both()
@@ -191,9 +196,14 @@ def fixed_dofs(mesh: ElementMesh, fixed: Displacements | DofsView | None) -> Dof
     >>> fixed_dofs(mesh, [([2, 0], "y")])
     array([1, 5])
     """
+    return _union([dofs for _, dofs in _fixed_entries(mesh, fixed)])
+
+
+def _fixed_entries(mesh: ElementMesh, fixed: Displacements | DofsView | None) -> list[tuple[Any, Dofs]]:
+    """Return pairs of a location and the degrees of freedom that do not move there."""
     if isinstance(fixed, DofsView):
-        return dofs_of(mesh, fixed, "fixed")
-    return _union([_fixed_at(mesh, where, letters) for where, letters in _pairs(fixed, "fixed", '{"wall": "xyz"}')])
+        return [(fixed, dofs_of(mesh, fixed, "fixed"))]
+    return [(where, _fixed_at(mesh, where, letters)) for where, letters in _pairs(fixed, "fixed", '{"wall": "xyz"}')]
 
 
 def dofs_at(mesh: ElementMesh, argument: Any) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
@@ -23,7 +24,7 @@ from ..kernels.threads import CopyableLock, locked
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import array_to_fill, by_vertex
-from ..mesh.locations import DofsView
+from ..mesh.locations import DofsView, describe
 from ..notebook import html_table
 from ..terms import (
     FollowerLoad,
@@ -226,7 +227,8 @@ class System(BoundTerms):
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
         whole = self._bare or BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
         super()._remove_elements(elements)
-        self.__dict__.pop("grounded", None)
+        for name in ("grounded", "reaction_shares"):
+            self.__dict__.pop(name, None)
         self._bare = BareDiagonal(whole.stiffness, self.bare)
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
@@ -734,6 +736,29 @@ class System(BoundTerms):
     def grounded(self) -> NDArray[np.int64]:
         """Degrees of freedom that foundations tie to the ground, ascending."""
         return self.space.union(grounded_dofs(self.bound_terms), self.ndofs)
+
+    @cached_property
+    def reaction_shares(self) -> tuple[dict[str, list[tuple[Any, NDArray[np.int64]]]], Array]:
+        """Locations of supports and the degrees of freedom whose reactions are theirs, by the words of the location; and how many
+        of them (ndofs,) have each.
+
+        The force of a foundation belongs to the supports at a node, and to the foundation where there are none.
+        """
+        d, counts = self.mesh.d, np.zeros(self.ndofs)
+        found: dict[str, list[tuple[Any, NDArray[np.int64]]]] = defaultdict(list)
+
+        def add(where: Any, dofs: NDArray[np.int64]) -> None:
+            found[describe(where)].append((where, dofs))
+            counts[dofs] += 1
+
+        tied = np.setdiff1d(self.grounded, self.supports.held)
+        for where, dofs in self.supports.entries:
+            add(where, np.concatenate([dofs, tied[np.isin(tied // d, dofs // d)]]))
+        alone = tied[counts[tied] == 0]
+        for term in self.bound_terms:
+            if isinstance(term, Grounded):
+                add(getattr(term, "where", None), np.intersect1d(alone, self.space.union(term.grounded, self.ndofs)))
+        return found, counts
 
     def foundation_force(self, u: ArrayLike) -> Array:
         """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force.

@@ -89,19 +89,21 @@ class ElasticFoundation:
                 f"{what}: stiffness has shape {k.shape}; expected a number, or {d} components ({', '.join('xyz'[:d])})."
             )
         facets = facets_at(body.mesh, self.where, what)
-        return Bedding(body, facets, np.broadcast_to(k, d), dtype)
+        return Bedding(body, self.where, facets, np.broadcast_to(k, d), dtype)
 
 
 class Bedding:
     """Foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
 
     The foundation pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground.
+    `where` is its location.
     """
 
     symmetric = has_energy = constant_tangent = True
     balanced = False
 
-    def __init__(self, body: Body, facets: NDArray[np.int32], stiffness: NDArray[np.float64], dtype: DTypeLike) -> None:
+    def __init__(self, body: Body, where: Where, facets: NDArray[np.int32], stiffness: Array, dtype: DTypeLike) -> None:
+        self.where = where
         self._k, self._body, self._facets, self._dtype = stiffness, body, facets, dtype
         self._set_areas(body)
 

@@ -119,6 +119,30 @@ def test_a_motion_equals_the_program_bit_for_bit(tmp_path):
     assert outcome.curves["wall"].values[:, 2].tobytes() == run.ledger["reaction wall z"].tobytes()
 
 
+SHARING = """
+[places]
+side = { type = "plane", point = [0, 0, 0], normal = [0, 1, 0] }
+below = { type = "box", low = [0, 0, 0], high = [4, 1, 0] }
+ends = { type = "nodes", ids = [0, 1, 2] }
+[output.reactions]
+a = "left"
+b = "side"
+c = "below"
+d = "ends"
+every = { type = "box", low = [0, 0, 0], high = [4, 1, 1] }
+"""
+
+
+@pytest.mark.parametrize("analysis", [STATIC, MOTION], ids=["static", "dynamic"])
+def test_reactions_of_supports_that_share_nodes_add_up(tmp_path, analysis):
+    path = scene(tmp_path, analysis, SHARING)
+    path.write_text(path.read_text().replace('left = "xyz"', 'left = "x"\nside = "y"\nbelow = "yz"\nends = "xy"'))
+    curves = Scene.read(path).solve(tmp_path / "beam", quiet=True).curves
+    whole = curves.pop("every").values
+    np.testing.assert_allclose(sum(one.values for one in curves.values()), whole, rtol=0, atol=1e-9 * np.abs(whole).max())
+    assert not curves["a"].values[:, 1:].any() and not curves["d"].values[:, 2].any() and curves["d"].values[-1, 0] != 0
+
+
 @pytest.mark.parametrize("analysis", [STATIC, MOTION], ids=["static", "dynamic"])
 def test_saved_states_contain_the_requested_fields(tmp_path, analysis):
     path = scene(tmp_path, analysis, FOLLOWED, 'fields = ["volume_ratio"]\n')

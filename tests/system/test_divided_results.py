@@ -13,6 +13,7 @@ from skfem_stvk import (
     LinearBackwardEuler,
     Newmark,
     NodalLoad,
+    Plane,
     StVK,
     System,
     VelocityVerlet,
@@ -78,6 +79,36 @@ def test_reactions_are_those_of_the_whole_body_in_each_part(how, separate_thread
         assert np.array_equal(own.vertices, whole.vertices) and np.array_equal(own.rest, whole.rest)
         for one, other in zip((own.by_node, *of_part), (whole.by_node, *numbers), strict=True):
             np.testing.assert_allclose(one, other, rtol=0, atol=1e-9 * abs(whole.by_node).max())
+
+
+PLANES = {axis: Plane((0.0, 0.0, 0.0), np.eye(3)["xyz".index(axis)]) for axis in "xyz"}
+
+
+def on_planes(mesh, young):
+    """Return a body on three planes, which share edges with each other and nodes with a foundation."""
+    loads = Gravity(g=(0.2, 0.01, 0.02)), ElasticFoundation("skin", (0.0, 0.3, 0.1))
+    return System(mesh, [StVK(young=young, poisson=0.3, density=2.0), *loads], fixed=[(PLANES[a], a) for a in PLANES])
+
+
+@divided
+def test_shares_of_supports_are_those_of_the_whole_body_in_each_part(how, separate_threads, monkeypatch):
+    monkeypatch.setattr(System, "check_held", lambda self, u=None: None)
+    places = {**PLANES, "skin": "skin", "all": None}
+
+    def work(system, dofs):
+        static = solve_static(system, steps=1, solver="block-jacobi-cg", rtol=1e-12, quiet=True)
+        run = simulate(system, VelocityVerlet(dt=0.02), until=0.1, reactions=places, quiet=True)
+        columns = {name: np.stack([run.ledger[f"reaction {name} {axis}"] for axis in "xyz"]) for name in places}
+        return {name: static.reaction(where).by_node for name, where in places.items()}, columns
+
+    found, whole = beam(how).run(work, on_planes)
+    for _, own in found:
+        for values, wanted in zip(own, whole, strict=True):
+            for name, one in wanted.items():
+                np.testing.assert_allclose(values[name], one, rtol=0, atol=1e-8 * abs(wanted["all"]).max(), err_msg=name)
+    for wanted, axis in zip(whole, (0, 1), strict=True):
+        total = sum(values.sum(axis=axis) for name, values in wanted.items() if name != "all")
+        np.testing.assert_allclose(total, wanted["all"].sum(axis=axis), rtol=0, atol=1e-9 * abs(wanted["all"]).max())
 
 
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
