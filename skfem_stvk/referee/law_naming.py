@@ -32,7 +32,7 @@ from .results import CheckOutcome, Explanation, Naming, Result, largest
 
 #: Relative distance below which moduli are equal. Differences of sixth order, taken twice, are accurate to 1e-8.
 SAME = 1e-6
-SELF_EXPLAINING = {"inversion", "strong ellipticity"}  # the names of these checks state the fault
+SELF_EXPLAINING = {"inversion", "strong ellipticity", "unchanged argument"}  # the names of these checks state the fault
 
 
 def named_law(law: JudgedLaw, checks: LawChecks, declared: Declared, results: list[Result]) -> Naming | None:

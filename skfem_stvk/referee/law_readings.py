@@ -161,6 +161,8 @@ class JudgedLaw:
         #: For a stress or tangent that does not fit as declared, a reading that would fit, with its residual.
         self.fitting_readings: dict[str, tuple[Reading, Fit]] = {}
         self.before: dict[str, float] = {}
+        #: Names of the functions that have changed their argument.
+        self.changing: set[str] = set()
         self.tried = 0
         one = np.eye(d)
         self.generic = [random_rotation(d, rng) @ (one + 0.3 * rng.uniform(-1, 1, (d, d))) for _ in range(3)]
@@ -171,8 +173,11 @@ class JudgedLaw:
 
         Raise `ContractViolation` if it has another type or shape.
         """
+        given = F.copy()
         with np.errstate(all="ignore"):  # the law may take the logarithm of a negative det F
-            returned = guarded(f"{name}(F)", lambda: self.functions[name](F.copy()))
+            returned = guarded(f"{name}(F)", lambda: self.functions[name](given))
+        if not np.array_equal(given, F):
+            self.changing.add(name)
         values = real_array(guarded(f"{name}(F)", lambda: np.array(returned, dtype=None)))
         if values is None or (name == "W" and values.size != 1):
             raise ContractViolation(

@@ -271,7 +271,7 @@ def test_of_a_long_output_the_end_is_kept(faulty):
         process, model = library._process, library.candidate(MESH, 1e5, 0.3)
         tracemalloc.start()
         try:
-            with pytest.raises(StvkError, match="with SIGABRT: .* the last words"):
+            with pytest.raises(StvkError, match=r"with SIGABRT: .* the last words"):
                 model.internal_force(np.zeros(24))
             assert tracemalloc.get_traced_memory()[1] < 2**20
         finally:
