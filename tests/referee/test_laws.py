@@ -408,3 +408,34 @@ def test_quiet_prints_nothing():
     assert verify_law(energy=KIRCHHOFF.W, quiet=True).passed
     with pytest.raises(StvkError, match="quiet = 1"):
         verify_law(energy=KIRCHHOFF.W, quiet=1)
+
+
+def with_geometric(stress):
+    """Return A = dP/dF of St. Venant-Kirchhoff with another stress than S in its geometric term."""
+
+    def A(F):
+        return np.einsum("im,kn,mjnl->ijkl", F, F, KIRCHHOFF.C(F)) + np.einsum("ik,jl->ijkl", ONE, stress(F))
+
+    return A
+
+
+@pytest.mark.parametrize(
+    ("stress", "words"),
+    [
+        (lambda F: -KIRCHHOFF.S(F), "with the wrong sign of its geometric term"),
+        (lambda F: F @ KIRCHHOFF.S(F) @ F.T / np.linalg.det(F), "with the Cauchy stress in its geometric term"),
+        (lambda F: 0 * F, "without its geometric term"),
+    ],
+    ids=["sign", "Cauchy", "none"],
+)
+@pytest.mark.parametrize("given", ["energy", "stress", "claims"])
+def test_a_wrong_geometric_term_is_named(stress, words, given):
+    others = {"energy": {"energy": KIRCHHOFF.W}, "stress": {"stress": KIRCHHOFF.P, "measure": "P"}, "claims": {"claims": CLAIMS}}
+    report = verify_law(elasticity=with_geometric(stress), tangent="A", **others[given])
+    assert not report.passed and name(report) == f"elasticity {words}", str(report)
+
+
+def test_a_tangent_without_lambda_is_named():
+    lam = LAM * np.einsum("ij,kl->ijkl", ONE, ONE)
+    report = verify_law(stress=KIRCHHOFF.S, elasticity=lambda F: KIRCHHOFF.C(F) - lam, measure="S", tangent="C", claims=CLAIMS)
+    assert name(report) == "elasticity: lambda x 0.000, mu x 1.000", str(report)
