@@ -1,7 +1,8 @@
 """A process of another Python that answers questions, one after the other, with only this package's files and NumPy.
 
 Questions and answers are NPZ files in pipes. Each is preceded by its length in eight bytes. A question that the process cannot
-answer, because it ends or takes too long, raises `NoAnswer`.
+answer, because it ends or takes too long, raises `NoAnswer`. When the process ends, all processes that it has started are ended,
+because they may keep the pipes open.
 """
 
 from __future__ import annotations
@@ -11,11 +12,10 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from threading import Event, Timer
+from threading import Event, Thread, Timer
 from typing import IO, Any, TypeVar
 
 import numpy as np
@@ -40,6 +40,8 @@ importlib.import_module("skfem_stvk.peers." + module).serve()
 PATIENCE = 5.0
 #: Largest size of a question or answer, and size that is read at once [bytes].
 LONGEST, PIECE = 2**33, 2**20
+#: Size of the end of the output that is kept [bytes].
+KEPT = 2**16
 
 
 class NoAnswer(Exception):
@@ -74,15 +76,13 @@ class AnsweringProcess:
     """
 
     def __init__(self, python: str, module: str, folders: Sequence[str] = (), environment: dict[str, str] | None = None) -> None:
-        self._said: Any = tempfile.TemporaryFile()  # noqa: SIM115 - closed by `close`
         command = [python, "-I", "-B", "-c", START, str(Path(__file__).parent.parent), module, *folders]
-        try:
-            self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._said, env=environment
-            )
-        except OSError:
-            self._said.close()
-            raise
+        pipes: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+        self._process = subprocess.Popen(command, env=environment, start_new_session=True, **pipes)
+        self._said = b""
+        self._listener = Thread(target=self._listen, daemon=True)
+        self._listener.start()
+        Thread(target=self._end_the_group, daemon=True).start()
 
     def __enter__(self: Self) -> Self:
         return self
@@ -101,7 +101,20 @@ class AnsweringProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        self._said.close()
+        self._listener.join(PATIENCE)
+
+    def _end_the_group(self) -> None:
+        """Wait until the process has ended, and end the processes that it has started."""
+        self._process.wait()
+        if hasattr(os, "killpg"):
+            with suppress(OSError):  # none of them runs
+                os.killpg(self._process.pid, signal.SIGKILL)
+
+    def _listen(self) -> None:
+        """Read the output of the process, and keep its end."""
+        with self._process.stderr as output:  # type: ignore[union-attr]
+            while piece := output.read1(KEPT):
+                self._said = (self._said + piece)[-KEPT:]
 
     def ask(self, question: dict[str, Array], seconds: float, longest: int = LONGEST) -> dict[str, Array]:
         """Return the answer, of at most `longest` bytes and within `seconds`.
@@ -138,8 +151,8 @@ class AnsweringProcess:
         raise NoAnswer(f"has ended, with {_end(self._process.wait())}: {self._last_words()}")
 
     def _last_words(self) -> str:
-        self._said.seek(0)
-        return " ".join(self._said.read()[-2000:].decode("utf-8", "replace").split())[-500:] or "it printed nothing"
+        self._listener.join(PATIENCE)
+        return " ".join(self._said.decode("utf-8", "replace").split())[-500:] or "it printed nothing"
 
 
 def answer_questions(answer_to: Callable[[dict[str, Array]], dict[str, Array]]) -> None:

@@ -28,6 +28,11 @@ def green_lagrange(D: Array) -> Array:
     return np.asarray((D + np.swapaxes(D, -1, -2) + np.swapaxes(D, -1, -2) @ D) / 2)
 
 
+def second_piola(F: Array, S: Array) -> Array:
+    """Return `S`."""
+    return S
+
+
 @dataclass(frozen=True)
 class ElementModel:
     """W, F and K of elements of the same dimension as the space.
@@ -50,6 +55,8 @@ class ElementModel:
         Function that returns factors (nt, nq) of the points for deformation gradients (nt, nq, d, d).
     initial
         Factor of the initial-stress part of K, a number or (nt, 1, 1).
+    initial_from
+        Function that returns the stress in the initial-stress part of K from `F` and `S`.
     strain
         Function that returns the strain for displacement gradients.
     stress
@@ -66,6 +73,7 @@ class ElementModel:
     tensor: Array
     counted: Callable[[Array], Array] = unchanged
     initial: float | Array = 1.0
+    initial_from: Callable[[Array, Array], Array] = second_piola
     strain: Callable[[Array], Array] = green_lagrange
     stress: Callable[[Array, Array], Array] = np.matmul
     derived: bool = False
@@ -102,7 +110,8 @@ class ElementModel:
     def initial_stress(self, u: Array) -> Array:
         """Return the initial-stress stiffness (nt, n, n) between the nodes of each element [N/m], equal for all components."""
         g, measure, D = self._state(u)
-        return np.asarray(np.einsum("tq,tqJL,tqaJ,tqbL->tab", measure, self._strain_and_stress(D)[1], g, g, optimize=True))
+        stress = self.initial_from(np.eye(len(self.p)) + D, self._strain_and_stress(D)[1])
+        return np.asarray(np.einsum("tq,tqJL,tqaJ,tqbL->tab", measure, stress, g, g, optimize=True))
 
     def displacement_gradient(self, u: Array) -> Array:
         """Return `F - I` at each point (nt, nq, d, d)."""
@@ -183,9 +192,14 @@ def stress_times_gradient(F: Array, S: Array) -> Array:
     return np.asarray(S @ F)
 
 
-def second_piola(F: Array, S: Array) -> Array:
-    """Return `P = S`."""
-    return S
+def transposed_gradient_times_stress(F: Array, S: Array) -> Array:
+    """Return `P = F' S`."""
+    return np.asarray(np.swapaxes(F, -1, -2) @ S)
+
+
+def cauchy(F: Array, S: Array) -> Array:
+    """Return `F S F'/J`, the Cauchy stress."""
+    return np.asarray(F @ S @ np.swapaxes(F, -1, -2) / np.linalg.det(F)[..., None, None])
 
 
 def derivative_of_biot(F: Array, S: Array) -> Array:

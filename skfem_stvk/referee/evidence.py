@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable
 from contextlib import suppress
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -35,13 +36,13 @@ class Evidence:
     found
         Values by state, for the states in which all values are finite.
     not_finite
-        Quantities, for each of all states, including rest and rotation, with an entry that is not finite.
+        Values in each of all states, including rest and rotation, in which an entry is not finite.
     """
 
     def __init__(self, case: Case, implementation: Implementation) -> None:
         self.case, self.implementation = case, implementation
         self.found: dict[str, Values] = {}
-        self.not_finite: dict[str, list[str]] = {}
+        self.not_finite: dict[str, Values] = {}
         self._by_products = False
         available = [quantity for quantity in "WFK" if implementation.has(quantity)]
         states = sorted(case.states, key=lambda state: state not in STATES)
@@ -50,9 +51,8 @@ class Evidence:
         for state, values in answers.items():
             if len(values) < max(len(self.quantities), 1):
                 continue
-            not_finite = [quantity for quantity, value in values.items() if not np.isfinite(flat(value)).all()]
-            if not_finite:
-                self.not_finite[state] = not_finite
+            if not all(np.isfinite(flat(value)).all() for value in values.values()):
+                self.not_finite[state] = values
             elif state in STATES:
                 self.found[state] = values
 
@@ -63,6 +63,11 @@ class Evidence:
             with suppress(ContractViolation):
                 values[quantity] = self.value(getattr(self.implementation, quantity)(u))
         return values
+
+    @cached_property
+    def largest(self) -> dict[str, float]:
+        """Largest absolute entries of the reference's W, F and K of the stretched body."""
+        return {quantity: float(np.abs(flat(value)).max()) for quantity, value in self.truth(self.case.states[STRETCH]).items()}
 
     def values(self, implementation: Implementation, u: Array, quantities: str = "WFK") -> Values:
         """Return the requested values of W, F and K of an implementation, if the candidate has them too.

@@ -171,6 +171,11 @@ FAULTS: dict[str, Fault] = {
         partial(elements.strained, strains.green_lagrange, strains.second_piola, True),
         named="P = S",
     ),
+    "F' S for F S": Fault(
+        "P = F' S in the force, and K derived from it",
+        partial(elements.strained, strains.green_lagrange, strains.transposed_gradient_times_stress, True),
+        named="F' S for F S",
+    ),
     "one tet skipped": Fault(
         "an element is left out", partial(elements.middle_element, partial(elements.counted, times=0.0)), named="one element x 0"
     ),
@@ -202,6 +207,19 @@ FAULTS: dict[str, Fault] = {
     ),
     "no geometric term": Fault(
         "K without the edge tensions (initial stress)", systems.no_geometric_term, named="no initial stress in K"
+    ),
+    "sign of the geometric term": Fault(
+        "the initial stress is subtracted from K",
+        partial(elements.altered, lambda model: {"initial": -1.0}),
+        named="sign of the initial stress in K",
+    ),
+    "Cauchy stress in K": Fault(
+        "the initial stress in K is the Cauchy stress, not S",
+        partial(elements.altered, lambda model: {"initial_from": strains.cauchy}),
+        named="Cauchy stress for S in K",
+    ),
+    "no lambda in K": Fault(
+        "lambda is left out in K, not in the stress", elements.without_lambda_in_tangent, named="no lambda in K"
     ),
     "geometric term in part": Fault(
         "K without initial stress in every third element",
@@ -247,15 +265,20 @@ FAULTS: dict[str, Fault] = {
         partial(systems.cached, ["tangent"], lambda u, v: np.linalg.norm(u) == np.linalg.norm(v)),
         named="K cached while u is nearly the same",
     ),
-    "F cached by ends": Fault(
-        "F is cached while the first and last entries of u are the same",
-        partial(systems.cached, ["internal_force"], systems.same_ends),
-        named="F cached while u is nearly the same",
-    ),
     "F and K cached by text": Fault(
         "F and K are cached while u is printed alike",
         partial(systems.cached, ["internal_force", "tangent"], lambda u, v: str(u) == str(v)),
         named="F, K cached while u is nearly the same",
+    ),
+    "mesh in mm": Fault(
+        "rest positions are multiplied by 1000, displacements are not",
+        lambda mesh, terms: System(ElementMesh(1e3 * mesh.p, mesh.t, element=mesh.element), terms),
+        named="mesh in mm",
+    ),
+    "displacements in mm": Fault(
+        "displacements are multiplied by 1000, rest positions are not",
+        partial(systems.displaced, lambda u: 1e3 * u),
+        named="u in mm",
     ),
     "stale rest shape": Fault("the mesh before its nodes were moved", systems.stale_rest_shape),
     "single precision": Fault(
@@ -265,6 +288,11 @@ FAULTS: dict[str, Fault] = {
     "wrong origin": Fault("displacements relative to a node, in part", systems.wrong_origin),
     "NaN at inversion": Fault(
         "values are not a number if an element is inverted", systems.nan_at_inversion, named="not a number at inversion"
+    ),
+    "NaN in one entry": Fault(
+        "one entry of F is not a number, as in a damaged file",
+        lambda mesh, terms: systems.disturbed(System(mesh, terms), force=lambda u: np.where(np.arange(len(u)) == 40, np.nan, 0.0)),
+        named="one entry not a number",
     ),
     "inverted tets skipped": Fault(
         "an inverted element has neither energy nor force", partial(elements.altered, elements.inverted_skipped)

@@ -17,6 +17,7 @@ from ..terms import StVK
 from .bodies import elasticity, hourglass_control
 from .discretisation import Discretisation, derivatives
 from .element_model import ElementModel, model_of
+from .faulty_systems import FaultyModel
 
 Terms = Sequence[StVK]
 
@@ -81,6 +82,14 @@ def strained(
 def initial_stress_in_part(model: ElementModel) -> dict[str, Any]:
     """Return the change that leaves out the initial stress in K of every third element."""
     return {"initial": np.where(np.arange(model.t.shape[1]) % 3 == 0, 0.0, 1.0)[:, None, None]}
+
+
+def without_lambda_in_tangent(mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """Return a model without lambda in the part of K that is not the initial stress."""
+    right, one = model_of(mesh, terms), np.eye(mesh.d)
+    lam = right.tensor[..., 0, 0, 1, 1][..., None, None, None, None] * np.einsum("ij,kl->ijkl", one, one)
+    left_out = replace(right, tensor=lam, initial=0.0)
+    return FaultyModel(right.energy, right.internal_force, lambda u: right.tangent(u) - left_out.tangent(u))
 
 
 def point_dropped(model: ElementModel) -> dict[str, Any]:

@@ -151,12 +151,18 @@ def wrong_origin(mesh: ElementMesh, terms: Terms) -> FaultyModel:
 
     One hundredth of the displacement of the first node of the first element is subtracted at all other nodes.
     """
-    body, n = System(mesh, terms), mesh.nv
+    n = mesh.nv
 
     def moved(u: Array) -> Array:
         return u - np.tile(u.reshape(n, -1)[mesh.t[0, 0]] / 100, n) * np.repeat(np.arange(n) != mesh.t[0, 0], mesh.d)
 
-    return FaultyModel(lambda u: body.energy(moved(u)), lambda u: body.internal_force(moved(u)), lambda u: body.tangent(moved(u)))
+    return displaced(moved, mesh, terms)
+
+
+def displaced(read: Callable[[Array], Array], mesh: ElementMesh, terms: Terms) -> FaultyModel:
+    """Return the correct model at the displacements `read(u)`."""
+    body = System(mesh, terms)
+    return FaultyModel(lambda u: body.energy(read(u)), lambda u: body.internal_force(read(u)), lambda u: body.tangent(read(u)))
 
 
 def drop_pairs(L: Array, mesh: ElementMesh) -> None:
@@ -269,11 +275,6 @@ def cached(cached_methods: Sequence[str], same: Callable[[Array, Array], Any], m
         return value if name in cached_methods else call
 
     return FaultyModel(method("energy"), method("internal_force"), method("tangent"))
-
-
-def same_ends(u: Array, v: Array) -> bool:
-    """Return whether two arrays have the same first three and the same last three entries."""
-    return np.array_equal(u[:3], v[:3]) and np.array_equal(u[-3:], v[-3:])
 
 
 def nan_at_inversion(mesh: ElementMesh, terms: Terms) -> FaultyModel:

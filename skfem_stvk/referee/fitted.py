@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, issparse, vstack
 from scipy.sparse.linalg import lsqr
 
@@ -76,25 +77,28 @@ def _reading(factor: float) -> str:
     return near[0] if near else "a factor without a usual cause"
 
 
+def suspects_of(evidence: Evidence) -> tuple[str, Any, NDArray[np.int64]]:
+    """Return which of F and K is wrong, its error in the first strained state, and the elements with an error at all nodes."""
+    wrong = [q for q in evidence.quantities if q != "W" and evidence.of(q).error(evidence.truth) > VANISHES]
+    if not wrong or not evidence.found:
+        return "", None, np.zeros(0, np.int64)
+    quantity, mesh, state = wrong[0], evidence.case.mesh, next(iter(evidence.found))
+    off = evidence.found[state][quantity] - evidence.truth(evidence.case.states[state])[quantity]
+    rows = np.asarray(abs(off).max(axis=1).todense()).ravel() if issparse(off) else np.abs(off).reshape(mesh.p.size, -1).max(axis=1)
+    bad = largest_component(rows, mesh.d) > 1e-9 * max(float(rows.max()), np.finfo(float).tiny)
+    return quantity, off, np.flatnonzero(bad[mesh.t].all(axis=0))
+
+
 def single_elements(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tuple[str, str, Model]]:
     """Yield the hypothesis that a few elements are each multiplied by a factor.
 
     The suspects are the elements with a wrong force, or K, on all their nodes. There may be at most five.
     """
     case = evidence.case
-    if case.discretisation.is_one_point or not set("FK") & set(evidence.quantities):
+    mesh, (quantity, off, suspects) = case.mesh, suspects_of(evidence)
+    if case.discretisation.is_one_point or not 0 < len(suspects) <= 5 or len(suspects) == mesh.nt:
         return
-    quantity = "F" if "F" in evidence.quantities else "K"
-    mesh, state = case.mesh, next(iter(evidence.found), None)
-    if state is None:
-        return
-    u = case.states[state]
-    off = evidence.found[state][quantity] - evidence.truth(u)[quantity]
-    rows = np.asarray(abs(off).max(axis=1).todense()).ravel() if issparse(off) else np.abs(off).reshape(mesh.p.size, -1).max(axis=1)
-    bad = largest_component(rows, mesh.d) > 1e-9 * max(float(rows.max()), np.finfo(float).tiny)
-    suspects = np.flatnonzero(bad[mesh.t].all(axis=0))
-    if not 0 < len(suspects) <= 5 or len(suspects) == mesh.nt:
-        return
+    u = case.states[next(iter(evidence.found))]
     tensor = elasticity(mesh, terms, case.discretisation)
     single = [
         Implementation(
@@ -180,7 +184,14 @@ def initial_stresses(evidence: Evidence, terms: Sequence[StVK]) -> Iterator[tupl
         dofs = mesh.t[:, :, None] * signs.shape[1] + np.arange(signs.shape[1])
         elements = np.broadcast_to(np.arange(mesh.nt)[None, :, None], dofs.shape)
         columns.append(coo_matrix((parts.ravel(), (dofs.ravel(), elements.ravel())), shape=(signs.size, mesh.nt)))
-    counts = 1 + lsqr(vstack(columns), np.concatenate(rows), atol=1e-14, btol=1e-14, iter_lim=1000)[0]
+    A, b = vstack(columns), np.concatenate(rows)
+    whole = np.asarray(A.sum(axis=1)).ravel()
+    factor = round(1 + float(whole @ b / (whole @ whole)), 9)
+    if factor or not mesh.element.is_linear_simplex:  # a planted fault has no initial stress in the edges of simplices
+        usual = {0.0: "no initial stress in K", -1.0: "sign of the initial stress in K"}
+        words = f"the initial stress in K counts {number(factor)} x"
+        yield usual.get(factor, f"initial stress in K x {factor:.3g}"), words, of_model(replace(right, initial=factor))
+    counts = 1 + lsqr(A, b, atol=1e-14, btol=1e-14, iter_lim=1000)[0]
     missing = np.flatnonzero(np.abs(counts) < 1e-6)
     if 0 < len(missing) < mesh.nt and np.abs(counts - counts.round()).max() < 1e-6:
         words = f"K has no initial stress in {name_ids(missing, 'element')}"

@@ -34,10 +34,10 @@ FITTED = (
     "lambda doubled", "lambda halved", "lambda of plane stress", "bulk modulus for lambda", "mu halved", "mu doubled",
     "lambda and mu exchanged", "lambda and mu by region", "W, F, K x 4", "F, K x 2", "W, F, K x 2", "K x -1", "F, K x -1",
     "one element x 0", "one element x 2", "K of the state before", "K cached while u is nearly the same",
-    "F cached while u is nearly the same", "F, K cached while u is nearly the same", "single precision",
+    "F, K cached while u is nearly the same", "single precision",
     "not a number at inversion", "a constant force", "a constant energy", "force of one node x -1",
     "results component by component", "no initial stress in some elements", "nodes in another order",
-    "shears in the order 12, 13, 23",
+    "shears in the order 12, 13, 23", "sign of the initial stress in K", "mesh in mm", "u in mm", "one entry not a number",
 )  # fmt: skip
 
 
@@ -83,6 +83,15 @@ def _read_otherwise(evidence: Evidence, read: Callable[[Array], Array], u: Array
     return evidence.truth(read(u), quantities)
 
 
+def _on_scaled_mesh(evidence: Evidence, factor: float, u: Array, quantities: str) -> Values:
+    """Return the values of the reference on a mesh that is `factor` times as large.
+
+    The strain is that of `u / factor`. W grows with the volume (area, length) of the elements, and F and K are its derivatives.
+    """
+    k, values = evidence.case.mesh.k, evidence.truth(u / factor, quantities)
+    return {quantity: value * factor ** (k - "WFK".index(quantity)) for quantity, value in values.items()}
+
+
 def _other_displacements(evidence: Evidence) -> Iterator[tuple[str, str, Model]]:
     """Yield hypotheses with misread displacements, and with components in another order."""
     d, rest = evidence.case.mesh.d, evidence.case.mesh.p.T.ravel()
@@ -90,10 +99,18 @@ def _other_displacements(evidence: Evidence) -> Iterator[tuple[str, str, Model]]
         ("sign of u reversed", "displacements are subtracted from the positions at rest", lambda u: -u),
         ("u doubled", "displacements are added to the positions at rest twice", lambda u: 2 * u),
         ("u halved", "half of the displacements is added to the positions at rest", lambda u: u / 2),
+        ("u in mm", "displacements are multiplied by 1000, as from m to mm, but not the positions at rest", lambda u: 1e3 * u),
+        ("u in m", "displacements are divided by 1000, as from mm to m, but not the positions at rest", lambda u: u / 1e3),
         ("u taken for positions", "displacements are taken for positions: the positions at rest are not added", lambda u: u - rest),
     ]
     for name, words, read in readings:
         yield name, words, partial(_read_otherwise, evidence, read)
+
+    for name, words, factor in (
+        ("mesh in mm", "multiplied by 1000, as from m to mm", 1e3),
+        ("mesh in m", "divided by 1000, as from mm to m", 1e-3),
+    ):
+        yield name, f"positions at rest are {words}, but not the displacements", partial(_on_scaled_mesh, evidence, factor)
 
     identity = np.arange(len(rest))
     for order in list(permutations(range(d)))[1:]:

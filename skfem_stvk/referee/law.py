@@ -48,10 +48,11 @@ def verify_law(
     - the balance of moments, `P F' = F P'`.
     - major and minor symmetries of the tangent.
     - zero stress and strong ellipticity at rest.
-    - the behaviour at inversion.
-    - against `claims`: moduli at rest, material symmetry, and for `StVK` also W, P and A in all states.
+    - no function changes its argument.
+    - against `claims`: moduli at rest, material symmetry, and for `StVK` also W, P and A in all states, inverted ones included.
 
-    The head of the report states how stress and tangent were read, and at which stretch strong ellipticity is lost.
+    The head of the report states how stress and tangent were read, at which stretch strong ellipticity is lost, and how the law
+    behaves at inversion.
     `report.named` names the fault if a factor, other constants, another reading or a missing geometric term explains all failures.
 
     Parameters

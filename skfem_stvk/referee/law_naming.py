@@ -16,6 +16,7 @@ from .implementations import ContractViolation
 from .law_readings import (
     ARGUMENT,
     FITS,
+    WRONG_GEOMETRIC,
     Declared,
     JudgedLaw,
     Reading,
@@ -32,7 +33,7 @@ from .results import CheckOutcome, Explanation, Naming, Result, largest
 
 #: Relative distance below which moduli are equal. Differences of sixth order, taken twice, are accurate to 1e-8.
 SAME = 1e-6
-SELF_EXPLAINING = {"inversion", "strong ellipticity"}  # the names of these checks state the fault
+SELF_EXPLAINING = {"inversion", "strong ellipticity", "unchanged argument"}  # the names of these checks state the fault
 
 
 def named_law(law: JudgedLaw, checks: LawChecks, declared: Declared, results: list[Result]) -> Naming | None:
@@ -176,16 +177,21 @@ class _Repair:
     def _reading(self, law: JudgedLaw, quantity: str) -> None:
         """Repair a stress or tangent that fits by another reading, by a factor, or with its geometric part added."""
         reading, fit = law.fitting_readings[quantity]
-        if fit.lacks_geometric:
+        if fit.geometric:
             law.reading[quantity] = reading
-            self.functions[quantity] = lambda F: law.A(F) + geometric_part(law.any_stress(F), F)
+
+            def repaired(F: Array) -> Array:
+                P = law.any_stress(F)
+                return law.A(F) + geometric_part(P, F) - WRONG_GEOMETRIC[fit.geometric](P, F)
+
+            self.functions[quantity] = repaired
             self.declared[quantity] = "A", None, None
         else:
             raw = partial(law.value, quantity)
             self.functions[quantity] = lambda F: raw(F) / fit.factor
             self._declare(quantity, reading)
         word = ARGUMENT[quantity]
-        short = "without its geometric term" if fit.lacks_geometric else f"x {fit.factor:.3f}" if fit.words else f"is {reading}"
+        short = fit.geometric or (f"x {fit.factor:.3f}" if fit.words else f"is {reading}")
         self.found.append((f"{word} {short}", f"the {word} fits as {reading}" + (f": {fit.words}" if fit.words else "")))
 
 
@@ -199,8 +205,9 @@ def _moduli_in_words(word: str, lam: float, mu: float, true: float, shear: float
         )
     if word and abs(lam / true - mu / shear) < SAME:
         return f"{word} x {mu / shear:.3f}", f"the {word} is {mu / shear:.3f} x the claimed one"
-    name = f"lambda x {lam / true:.3f}, mu x {mu / shear:.3f}"
-    return f"{word}: {name}" if word else name, f"{of} lambda {lam / true:.3f} x and mu {mu / shear:.3f} x those of the claim"
+    of_lam = round(lam / true, 3) + 0.0  # no negative zero
+    name = f"lambda x {of_lam:.3f}, mu x {mu / shear:.3f}"
+    return f"{word}: {name}" if word else name, f"{of} lambda {of_lam:.3f} x and mu {mu / shear:.3f} x those of the claim"
 
 
 def linear(tensor: Array, F: Array) -> tuple[float, Array]:

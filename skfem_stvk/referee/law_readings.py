@@ -134,21 +134,29 @@ def material_tangent(A: Array, F: Array, P: Array) -> Array:
     return np.einsum("mi,nk,ijkl->mjnl", inverse, inverse, A - geometric_part(P, F))
 
 
+#: Wrong geometric parts of A, by the words of a report, for P and F.
+WRONG_GEOMETRIC: dict[str, Callable[[Array, Array], Array]] = {
+    "without its geometric term": lambda P, F: 0 * geometric_part(P, F),
+    "with the wrong sign of its geometric term": lambda P, F: -geometric_part(P, F),
+    "with the Cauchy stress in its geometric term": lambda P, F: geometric_part(F @ P @ F.T / np.linalg.det(F), F),
+}
+
+
 class Fit(NamedTuple):
     """Relative residual of a reading, and the correction that makes it fit.
 
-    The correction is a factor or the geometric term. There is none if the factor is 1 and `lacks_geometric` is False.
+    The correction is a factor or the geometric term. There is none if the factor is 1 and `geometric` is empty.
     """
 
     residual: float
     factor: float = 1.0
-    lacks_geometric: bool = False
+    geometric: str = ""
 
     @property
     def words(self) -> str:
         """Description of the correction, empty if there is none."""
-        if self.lacks_geometric:
-            return "the geometric term is missing"
+        if self.geometric:
+            return f"it is the expected value {self.geometric}"
         return "" if self.factor == 1 else f"it is {self.factor:.3f} x the expected value"
 
 
@@ -161,6 +169,8 @@ class JudgedLaw:
         #: For a stress or tangent that does not fit as declared, a reading that would fit, with its residual.
         self.fitting_readings: dict[str, tuple[Reading, Fit]] = {}
         self.before: dict[str, float] = {}
+        #: Names of the functions that have changed their argument.
+        self.changing: set[str] = set()
         self.tried = 0
         one = np.eye(d)
         self.generic = [random_rotation(d, rng) @ (one + 0.3 * rng.uniform(-1, 1, (d, d))) for _ in range(3)]
@@ -171,8 +181,11 @@ class JudgedLaw:
 
         Raise `ContractViolation` if it has another type or shape.
         """
+        given = F.copy()
         with np.errstate(all="ignore"):  # the law may take the logarithm of a negative det F
-            returned = guarded(f"{name}(F)", lambda: self.functions[name](F.copy()))
+            returned = guarded(f"{name}(F)", lambda: self.functions[name](given))
+        if not np.array_equal(given, F):
+            self.changing.add(name)
         values = real_array(guarded(f"{name}(F)", lambda: np.array(returned, dtype=None)))
         if values is None or (name == "W" and values.size != 1):
             raise ContractViolation(
@@ -289,18 +302,16 @@ class JudgedLaw:
         return Fit(worst if np.isfinite(worst) else np.inf)
 
     def _tangent_fits(self, reading: Reading) -> Fit:
-        given, geometric = [], []
-        for F in self.generic:
-            P, value = self.any_stress(F), self.value("A", F)
-            given.append(nominal_tangent(value, F, P, reading))
-            geometric.append(geometric_part(P, F))
+        at = [(self.any_stress(F), F) for F in self.generic]
+        given = [nominal_tangent(self.value("A", F), F, P, reading) for P, F in at]
         true = self._tangents_in_generic_states()
         if not true:
             return Fit(self._objectivity_error(reading))
-        A, B, G = np.array(given), np.array(true), np.array(geometric)
+        A, B, G = np.array(given), np.array(true), np.array([geometric_part(P, F) for P, F in at])
         fit = fitted(A, B) if reading.kind != "C" else fitted(A - G, B - G)
-        if reading.kind != "C" and not fit.words and fit.residual > FITS and fitted(A, B - G).residual < FITS:
-            return Fit(fit.residual, lacks_geometric=True)
+        for name, part in WRONG_GEOMETRIC.items() if reading.kind != "C" and not fit.words and fit.residual > FITS else ():
+            if fitted(A, B - G + np.array([part(P, F) for P, F in at])).residual < FITS:
+                return Fit(fit.residual, geometric=name)
         return fit
 
     def _tangents_in_generic_states(self) -> list[Array]:

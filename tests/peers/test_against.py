@@ -409,6 +409,17 @@ def test_a_malformed_answer_is_refused_with_a_readable_message(name, tmp_path):
         Elsewhere(program_of(ANSWERS[name], tmp_path), "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
 
 
+def test_a_child_of_the_other_python_is_ended_with_it(tmp_path, monkeypatch):
+    """A child that outlives its parent would keep the pipe of the answers open, so that the referee waits for it."""
+    monkeypatch.chdir(tmp_path)
+    program = tmp_path / "program"
+    program.write_text("#!/bin/sh\n(sleep 20; touch outlived) &\nexit 3\n")
+    program.chmod(0o755)
+    with pytest.raises(StvkError, match="has ended, with exit code 3"):
+        Elsewhere(program, "FElupe", MESH.p, MESH.t, YOUNG, POISSON)
+    assert not (tmp_path / "outlived").exists()
+
+
 @pytest.mark.parametrize("length", [2**33, 2**20 + 16 * MESH.p.size**2])
 def test_an_answer_needs_no_more_memory_than_its_bytes(length, tmp_path):
     """A declared length, beyond the largest answer on this mesh or equal to it, allocates less than 4 MiB."""

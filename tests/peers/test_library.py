@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tracemalloc
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -17,7 +18,7 @@ from bodies import box
 from skfem_stvk import StVK, StvkError, verify
 from skfem_stvk.cli.main import main
 from skfem_stvk.peers.library import LONGEST_CALL, SharedLibrary
-from skfem_stvk.peers.process import AnsweringProcess
+from skfem_stvk.peers.process import KEPT, AnsweringProcess
 from skfem_stvk.referee.against import library_candidate
 from skfem_stvk.referee.checks import precision
 from skfem_stvk.referee.results import CheckOutcome
@@ -97,6 +98,7 @@ FAULTY = r"""
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <unistd.h>
 enum { N = 24 };
 static int64_t ids[N], bodies;
 static double values[N];
@@ -117,6 +119,16 @@ int crashes(const double *u, double *F) { (void)u, (void)F; puts("lost"); fflush
 int aborts(const double *u, double *F) { (void)u, (void)F; abort(); }
 int leaves(const double *u, double *F) { (void)u, (void)F; exit(3); }
 int loops(const double *u, double *F) { (void)u; while (forever) F[0] = 1; return 0; }
+static void start_child(void) {                        /* it would outlive its parent, and keep the pipes open */
+    if (fork() == 0) { sleep(20); fclose(fopen("outlived", "w")); _exit(0); }
+}
+int forks(const double *u, double *F) { start_child(); return aborts(u, F); }
+int forks_and_loops(const double *u, double *F) { start_child(); return loops(u, F); }
+int floods(const double *u, double *F) {
+    for (int i = 0; i < 2000000; i++) puts("a line of fifty characters, of two million of them");
+    puts("the last words"), fflush(stdout);
+    return aborts(u, F);
+}
 int returns(const double *u, double *F) { (void)u, (void)F; return -2; }
 int forgets(const double *u, double *F) { for (int i = 0; i < N; i++) if (i != 5) F[i] = u[i]; return 0; }
 int adds(const double *u, double *F) { for (int i = 0; i < N; i++) F[i] += u[i]; return 0; }
@@ -240,6 +252,31 @@ def test_an_endless_loop_is_ended_and_called_three_times_at_most(faulty, monkeyp
     assert len({result.state for result in endless if result.check == "agreement"}) == 3
     assert any("loops was not called: 3 calls before took longer than" in result.reason for result in results)
     assert any(result.quantity == "W" and result.measured is not None for result in results)
+
+
+@pytest.mark.parametrize(
+    ("name", "seconds", "words"),
+    [("forks", 60.0, "has ended, with SIGABRT"), ("forks_and_loops", 0.5, "gave no answer within 0.5 s, and was ended")],
+)
+def test_a_child_of_the_process_is_ended_with_it(name, seconds, words, faulty, part, monkeypatch):
+    """A child that a library leaves behind would keep the pipe of the answers open, so that the referee waits for it."""
+    with SharedLibrary(faulty, {"force": name}) as library, pytest.raises(StvkError, match=words):
+        monkeypatch.setattr("skfem_stvk.peers.library.LONGEST_CALL", seconds)
+        library.candidate(MESH, 1e5, 0.3).internal_force(np.zeros(24))
+    assert not (part / "outlived").exists()
+
+
+def test_of_a_long_output_the_end_is_kept(faulty):
+    with SharedLibrary(faulty, {"force": "floods"}) as library:
+        process, model = library._process, library.candidate(MESH, 1e5, 0.3)
+        tracemalloc.start()
+        try:
+            with pytest.raises(StvkError, match=r"with SIGABRT: .* the last words"):
+                model.internal_force(np.zeros(24))
+            assert tracemalloc.get_traced_memory()[1] < 2**20
+        finally:
+            tracemalloc.stop()
+    assert len(process._said) == KEPT
 
 
 def test_nan_in_one_entry_is_a_finding_with_its_place(faulty):

@@ -177,6 +177,20 @@ def test_another_law_gets_a_taylor_test_and_no_comparison():
     assert "Taylor test" in str(report.to_dict())
 
 
+@pytest.mark.parametrize("degrees", [20, 100, 125, 160])
+def test_another_law_that_is_not_objective_beyond_an_angle_is_caught(degrees):
+    """The energy is larger by a millionth if the mean deformation gradient, mostly a rotation, has a small trace."""
+
+    class Turning(NeoHookean):
+        def energy(self, u):
+            mean = np.einsum("e,eij->ij", self.V, self._F(u)) / self.V.sum()
+            R = np.linalg.svd(mean)[0] @ np.linalg.svd(mean)[2]
+            return super().energy(u) * (1 + 1e-6 * (np.trace(R) < 1 + 2 * np.cos(np.deg2rad(degrees))))
+
+    report = verify(MESH, TERM, candidate=Turning(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True)
+    assert ("invariance", "W") in {(r.check, r.quantity) for r in report.failures("candidate")}, str(report)
+
+
 def test_the_taylor_test_catches_a_wrong_tangent_of_another_law():
     report = verify(MESH, TERM, candidate=NeoHookean(MESH, 1.5, 1.0, error_in_K=0.01), candidate_is_stvk=False, quiet=True)
     assert {(r.check, r.quantity) for r in report.failures("candidate")} == {("derivatives", "K")}

@@ -1,6 +1,8 @@
 """The report names the fault of a candidate, and states that the cause is unknown if no hypothesis fits."""
 
 import json
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import aslinearoperator
 
 from skfem_stvk import Corotated, ElementMesh, NeoHookean, StVK, System, TransverselyIsotropic, verify
+from skfem_stvk.referee.element_model import cauchy, model_of
 from skfem_stvk.referee.faults import FAULTS, bodies
 from skfem_stvk.referee.naming import name_the_fault
 from skfem_stvk.referee.verification import _case, verify_candidate
@@ -165,13 +168,127 @@ def test_an_unexplained_fault_is_reported_with_the_smallest_failing_case():
     assert not other.names and "No hypothesis explains the failure" in other.lines()[0] and "Moving node 0 alone" in other.smallest
 
 
+def with_error_in(element, error):
+    """Return a candidate whose K has an additional `error(u)` in all entries of the nodes of one element."""
+    dofs = (3 * MESH.t[:, element][:, None] + np.arange(3)).ravel()
+
+    def tangent(u):
+        K = RIGHT.tangent(u).tolil()
+        K[np.ix_(dofs, dofs)] = K[np.ix_(dofs, dofs)].toarray() + error(u[dofs])
+        return csr_matrix(K)
+
+    return FunctionModel(energy=RIGHT.energy, internal_force=RIGHT.internal_force, tangent=tangent)
+
+
+@pytest.mark.parametrize("element", [0, 5, 29, 47])
+def test_the_location_of_an_unexplained_fault_is_in_the_wrong_element(element):
+    """An error of one element at rest is located there, and no node is blamed. An error of strain is located by one of its nodes."""
+    naming = named(with_error_in(element, lambda u: 0.1))
+    assert naming.names == [] and naming.smallest == f"W and F are correct. It fails at rest, in the elements {element}."
+    naming = named(with_error_in(element, lambda u: np.ptp(u.reshape(-1, 3), axis=0).max()))
+    node = MESH.t[:, element].min()
+    assert naming.smallest == f"W and F are correct. Moving node {node} alone, in the elements {element}, makes it fail."
+
+
+def test_a_failure_of_the_energy_at_rest_has_no_location():
+    naming = named(FunctionModel(energy=lambda u: RIGHT.energy(u) + 0.1 * np.exp(-(u @ u)), internal_force=RIGHT.internal_force))
+    assert naming.names == [] and naming.smallest == "F is correct. It fails at rest."
+
+
+def wide_mesh():
+    """Return a mesh of quadratic triangles of several shapes."""
+    return ElementMesh.of(skfem.MeshTri.init_tensor(np.linspace(0, 1, 3), np.linspace(0, 2, 4) ** 0.8)).with_degree(2)
+
+
+KINDS = {
+    "segments": ElementMesh.of(skfem.MeshLine(np.linspace(0, 1, 6) ** 1.3)),
+    "quadratic triangles": wide_mesh(),
+    "tetrahedra": MESH,
+    "hexahedra": ElementMesh.of(skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3) ** 1.2] * 3)),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
-    ("states", "words"), [("all", "no finite values"), ("rest", "W has entries that are not finite in: rest.")]
+    ("name", "factor_of_mesh", "factor_of_u"),
+    [("mesh in mm", 1e3, 1), ("mesh in m", 1e-3, 1), ("u in mm", 1, 1e3), ("u in m", 1, 1e-3), ("W, F, K x", 1e3, 1e3)],
+)
+def test_wrong_units_of_length_are_named_for_all_elements(kind, name, factor_of_mesh, factor_of_u):
+    """Displacements in mm have the force of the body in mm. If both are in mm, W, F and K have factors, in 1D and 2D too."""
+    mesh = KINDS[kind]
+    body = System(ElementMesh(factor_of_mesh * mesh.p, mesh.t, element=mesh.element), TERM)
+    calls = {
+        name: partial(lambda name, u: getattr(body, name)(factor_of_u * u), name)
+        for name in ("energy", "internal_force", "tangent")
+    }
+    naming = named(FunctionModel(**calls), mesh)
+    assert len(naming.names) == 1 and (naming.names[0] == name or name == "W, F, K x"), naming.lines()
+    if name == "W, F, K x":
+        k = mesh.k
+        assert naming.names[0] == "; ".join(
+            f"{q} x {1e3**power:g}" for q, power in zip("WFK", (k, k - 1, k - 2), strict=True) if power
+        )
+
+
+@pytest.mark.parametrize("kind", ["quadratic triangles", "tetrahedra", "hexahedra"])
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("sign of the initial stress in K", {"initial": -1.0}),
+        ("no initial stress in K", {"initial": 0.0}),
+        ("initial stress in K x 2", {"initial": 2.0}),
+        ("Cauchy stress for S in K", {"initial_from": cauchy}),
+    ],
+)
+def test_wrong_initial_stresses_are_named_for_all_elements(kind, name, change):
+    assert named(replace(model_of(KINDS[kind], [TERM]), **change), KINDS[kind]).names == [name]
+
+
+@pytest.mark.parametrize("kind", ["quadratic triangles", "tetrahedra", "hexahedra"])
+@pytest.mark.parametrize("fault", ["no lambda in K", "F' S for F S"])
+def test_wrong_formulas_of_K_and_P_are_named_for_all_elements(kind, fault):
+    mesh = KINDS[kind]
+    assert named(FAULTS[fault].make(mesh, [TERM]), mesh).names == [FAULTS[fault].named]
+
+
+def spoilt(quantity, states):
+    """Return the right model in which one entry of W, F or K is not a number in some states."""
+
+    def value(name, call, u):
+        found = call(u)
+        if name != quantity or not states(u):
+            return found
+        if name == "W":
+            return np.nan
+        (found if name == "F" else found.data)[7] = np.nan
+        return found
+
+    names = {"energy": "W", "internal_force": "F", "tangent": "K"}
+    return FunctionModel(**{m: partial(value, name, getattr(RIGHT, m)) for m, name in names.items()})
+
+
+@pytest.mark.parametrize("quantity", "WFK")
+def test_one_entry_that_is_not_a_number_is_named(quantity):
+    naming = named(spoilt(quantity, lambda u: not u.any()))
+    (one,) = naming.explanations
+    where = {"W": "", "F": " at dof 7 (node 2, y)", "K": " in row 0, column 10"}[quantity]
+    assert one.name == "one entry not a number" and one.words.startswith(f"{quantity} is not finite{where} in rest; all other")
+    everywhere = named(spoilt(quantity, lambda u: True)).names
+    assert everywhere == ([] if quantity == "W" else ["one entry not a number"])
+    wrong = spoilt(quantity, lambda u: not u.any())
+    wrong.energy = LAMBDA_TWICE.energy if quantity == "F" else RIGHT.energy
+    wrong.internal_force = LAMBDA_TWICE.internal_force if quantity != "F" else wrong.internal_force
+    assert named(wrong).names != ["one entry not a number"]
+
+
+@pytest.mark.parametrize(
+    ("states", "words"), [("all", "no finite values"), ("zero", "W has entries that are not finite in: rest, rigid rotation.")]
 )
 def test_no_hypothesis_is_concluded_from_nan(states, words):
     class Broken(System):
         def energy(self, u):
-            return np.nan if states == "all" or not u.any() else super().energy(u)
+            W = super().energy(u)
+            return np.nan if states == "all" or W < 1e-20 else W
 
     naming = verify_candidate(Broken(MESH, TERM), MESH, [TERM]).named
     assert not naming.names and words in naming.smallest
@@ -289,7 +406,7 @@ def test_a_partial_explanation_and_the_rest_are_reported():
     assert named(candidate).names == ["W: right; F: shear stresses doubled"]
     candidate.internal_force = RIGHT.internal_force
     naming = named(candidate)
-    assert naming.names == [] and naming.smallest.startswith("W and F are correct. Moving node")
+    assert naming.names == [] and naming.smallest == "W and F are correct. It fails at rest."
 
 
 def test_an_added_term_explains_W_or_F_only_if_the_others_are_right():

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 from slow import slow_but
 
-from skfem_stvk import Isotropic, StVK, TransverselyIsotropic, verify_law
+from skfem_stvk import (
+    Corotated,
+    ElementMesh,
+    InvertibleStVK,
+    Isotropic,
+    NeoHookean,
+    StVK,
+    System,
+    TransverselyIsotropic,
+    verify_law,
+)
 from skfem_stvk.errors import MaterialError, StvkError
 from skfem_stvk.referee.results import CheckOutcome
 from validation.textbook_laws import LAM, LAWS, MU, ONE, voigt
@@ -267,13 +277,88 @@ def raising(F):
     raise SystemExit(3)
 
 
-def mutating(F):
-    F *= 2
-    return KIRCHHOFF.W(F / 2)
+def mutating(law, largest=np.inf):
+    """Return a law that doubles its argument where its largest entry is below a limit, and returns the right value."""
+
+    def changes(F):
+        value = law(F.copy())
+        if np.abs(F).max() < largest:
+            F *= 2
+        return value
+
+    return changes
 
 
-def test_laws_that_mutate_raise_or_return_nan_are_handled():
-    assert verify_law(energy=mutating, at=states()).passed
+@pytest.mark.parametrize("largest", [np.inf, 1.0], ids=["always", "in some states"])
+def test_a_function_that_changes_its_argument_is_found(largest):
+    given = {"energy": mutating(KIRCHHOFF.W, largest), "stress": mutating(KIRCHHOFF.S, largest), "elasticity": KIRCHHOFF.C}
+    report = verify_law(**given, claims=CLAIMS, measure="S")
+    assert failed(report) == {("unchanged argument", "W"), ("unchanged argument", "P")} and report.named is None, str(report)
+    half = verify_law(energy=KIRCHHOFF.W, stress=mutating(lambda F: KIRCHHOFF.S(F) / 2, largest))
+    assert ("unchanged argument", "P") in failed(half) and name(half) == "stress x 0.500"
+
+
+def test_laws_that_are_undefined_at_inversion_pass_with_a_remark():
+    """The energy has a logarithm of det F and the stress has not, as in many textbooks."""
+
+    def W(F):
+        return MU / 2 * (np.trace(F.T @ F) - 3 - 2 * np.log(np.linalg.det(F))) + LAM / 2 * (np.linalg.det(F) - 1) ** 2
+
+    def P(F):
+        J, H = np.linalg.det(F), np.linalg.inv(F).T
+        return MU * (F - H) + LAM * (J - 1) * J * H
+
+    report = verify_law(energy=W, stress=P)
+    assert report.passed, str(report)
+    assert "remark: where det F < 0, W cannot be computed, but P can" in lines(report)
+    assert "remark" not in lines(verify_law(energy=KIRCHHOFF.W, stress=KIRCHHOFF.P))
+
+
+@pytest.mark.parametrize("law", [NeoHookean, StVK, Corotated, InvertibleStVK], ids=lambda law: law.__name__)
+def test_laws_of_this_package_pass(law):
+    """The laws of this package pass with energy, stress and tangent of one element, of which F is the deformation gradient."""
+    mesh = ElementMesh(np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]), np.array([[0], [1], [2], [3]]))
+    system, g = System(mesh, law(young=2.6, poisson=0.3)), np.array([[-1.0, -1, -1], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    pull = np.linalg.pinv(g)  # (3, 4): forces f_a = V P g_a, so that P = f pull' / V
+
+    def u(F):
+        return (mesh.p.T @ (F - ONE).T).ravel()
+
+    def A(F):
+        K = system.tangent(u(F)).toarray().reshape(4, 3, 4, 3)
+        return 6 * np.einsum("aibk,ja,lb->ijkl", K, pull, pull)
+
+    report = verify_law(
+        energy=lambda F: 6 * system.energy(u(F)),
+        stress=lambda F: 6 * system.internal_force(u(F)).reshape(4, 3).T @ pull.T,
+        elasticity=A,
+        claims=law(young=2.6, poisson=0.3),
+        measure="P",
+        tangent="A",
+    )
+    assert report.passed, str(report)
+
+
+def test_an_energy_with_stress_at_rest_fails():
+    """The derivative of an energy without a stress of its own must vanish at rest. W itself vanishes there."""
+
+    def W(F):
+        return MU / 2 * (np.trace(F.T @ F) - 3) + LAM / 2 * (np.linalg.det(F) - 1) ** 2
+
+    report = verify_law(energy=W)
+    assert failed(report) == {("rest", "dW/dF")} and report.named.names == [], str(report)
+    assert failed(verify_law(energy=W, dimension=2)) >= {("rest", "dW/dF")}
+
+
+@pytest.mark.parametrize("degrees", [20, 60, 100, 121, 140, 160])
+def test_an_energy_that_is_not_objective_beyond_an_angle_fails(degrees):
+    """The trace of a rotation by an angle a is 1 + 2 cos a. All angles up to 160 degrees are seen."""
+    least = 1 + 2 * np.cos(np.deg2rad(degrees))
+    report = verify_law(energy=lambda F: KIRCHHOFF.W(F) * (1.01 if np.trace(F) < least else 1), quiet=True)
+    assert ("objectivity", "W") in failed(report), str(report)
+
+
+def test_laws_that_raise_or_return_nan_are_handled():
     assert not verify_law(energy=lambda F: float("nan"), at=states()).passed
     assert not verify_law(energy=lambda F: 0.0, at=states()).passed
     report = verify_law(energy=raising)
@@ -323,3 +408,34 @@ def test_quiet_prints_nothing():
     assert verify_law(energy=KIRCHHOFF.W, quiet=True).passed
     with pytest.raises(StvkError, match="quiet = 1"):
         verify_law(energy=KIRCHHOFF.W, quiet=1)
+
+
+def with_geometric(stress):
+    """Return A = dP/dF of St. Venant-Kirchhoff with another stress than S in its geometric term."""
+
+    def A(F):
+        return np.einsum("im,kn,mjnl->ijkl", F, F, KIRCHHOFF.C(F)) + np.einsum("ik,jl->ijkl", ONE, stress(F))
+
+    return A
+
+
+@pytest.mark.parametrize(
+    ("stress", "words"),
+    [
+        (lambda F: -KIRCHHOFF.S(F), "with the wrong sign of its geometric term"),
+        (lambda F: F @ KIRCHHOFF.S(F) @ F.T / np.linalg.det(F), "with the Cauchy stress in its geometric term"),
+        (lambda F: 0 * F, "without its geometric term"),
+    ],
+    ids=["sign", "Cauchy", "none"],
+)
+@pytest.mark.parametrize("given", ["energy", "stress", "claims"])
+def test_a_wrong_geometric_term_is_named(stress, words, given):
+    others = {"energy": {"energy": KIRCHHOFF.W}, "stress": {"stress": KIRCHHOFF.P, "measure": "P"}, "claims": {"claims": CLAIMS}}
+    report = verify_law(elasticity=with_geometric(stress), tangent="A", **others[given])
+    assert not report.passed and name(report) == f"elasticity {words}", str(report)
+
+
+def test_a_tangent_without_lambda_is_named():
+    lam = LAM * np.einsum("ij,kl->ijkl", ONE, ONE)
+    report = verify_law(stress=KIRCHHOFF.S, elasticity=lambda F: KIRCHHOFF.C(F) - lam, measure="S", tangent="C", claims=CLAIMS)
+    assert name(report) == "elasticity: lambda x 0.000, mu x 1.000", str(report)

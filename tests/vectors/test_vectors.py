@@ -278,6 +278,19 @@ def test_a_wrong_value_fails(name, how, published, tmp_path):
     assert not report.passed and {r.quantity for r in report.failures("candidate") if r.check == "agreement"} == {name[0]}
 
 
+@pytest.mark.parametrize("how", ["NaN", "infinite"])
+@pytest.mark.parametrize("name", ["W", "F", "K_values", "K_blocks"])
+@pytest.mark.parametrize("of", PUBLISHED)
+def test_one_entry_of_a_file_that_is_not_a_number_is_named(of, name, how, published, tmp_path):
+    """The report has the quantity, the degree of freedom and the state of the only entry that is not finite."""
+    vectors = published[of]
+    arrays = right(vectors, "W", "F", name)
+    (one,) = judged(tmp_path, vectors, arrays | {name: spoil(vectors.arrays[name], how)}).named.explanations
+    where = {"W": "", "F": " at dof 0 (node 0, x)"}.get(name, " in row 0, column 0")
+    state = list(vectors.states)[2]
+    assert one.name == "one entry not a number" and one.words.startswith(f"{name[0]} is not finite{where} in {state}; all other")
+
+
 def test_some_states_in_another_order_are_enough(published, tmp_path):
     vectors = published["block"]
     some = [6, 1]
@@ -341,7 +354,7 @@ def test_values_that_are_not_finite_are_named_by_their_states(published, tmp_pat
     """States with NaN or infinity are named, and hypotheses explain only the finite values."""
     vectors = published["block"]
     F = vectors.arrays["F"].copy()
-    F[[0, 3], 5] = np.nan, np.inf
+    F[[0, 3], [5, 6]] = np.nan, np.inf
     (line,) = judged(tmp_path, vectors, {"F": F}).named.lines()
     assert (
         "F has entries that are not finite in: rotated strained, rest. In the other states its values are correct to eight digits"

@@ -119,7 +119,7 @@ def _remembered(case: Case, implementation: Implementation, quantity: str) -> di
             case.mesh, change, scale, case.limits.of_nodes(u), "largest |K v| or |F| around, or K at rest x |v| or edge", MEMORY
         )
 
-    return max(map(changed, case.nearby[: 1 if quantity == "W" else 2]), key=_badness)  # W does not see one node above round-off
+    return max(map(changed, case.nearby[: 1 if quantity == "W" else 2]), key=badness)  # W does not see one node above round-off
 
 
 class Line(NamedTuple):
@@ -146,7 +146,7 @@ def _at(function: Callable[[Array], Any], u: Array, v: Array, s: float) -> Array
 
 def _stencil(case: Case, implementation: Implementation, quantity: str, state: str) -> dict[str, Any]:
     return max(
-        (_along(case, implementation, quantity, line) for line in _lines(case, implementation, quantity, state)), key=_badness
+        (_along(case, implementation, quantity, line) for line in _lines(case, implementation, quantity, state)), key=badness
     )
 
 
@@ -163,7 +163,7 @@ def _along(case: Case, implementation: Implementation, quantity: str, line: Line
 
 def _taylor(case: Case, implementation: Implementation, quantity: str, state: str) -> dict[str, Any]:
     case.refuse_undefined(implementation, state)
-    return max((taylor_order(line.function, line.claimed) for line in _lines(case, implementation, quantity, state)), key=_badness)
+    return max((taylor_order(line.function, line.claimed) for line in _lines(case, implementation, quantity, state)), key=badness)
 
 
 def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str, Any]:
@@ -194,7 +194,7 @@ def taylor_order(function: Callable[[float], Array], claimed: Array) -> dict[str
     }
 
 
-def _badness(measurement: dict[str, Any]) -> float:
+def badness(measurement: dict[str, Any]) -> float:
     """Return the measured value over its limit, or infinity if the value is not finite."""
     return float(measurement["measured"]) / measurement["limit"] if np.isfinite(measurement["measured"]) else np.inf
 

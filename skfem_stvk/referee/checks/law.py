@@ -30,6 +30,8 @@ from ..results import CannotDecide, NotApplicable, Task
 from .agreement import taylor_order
 
 LAW = "law"
+#: Angles of the rotations of objectivity and isotropy [degrees]. The sign of the trace of F changes beyond 120.
+ANGLES = (35.0, 110.0, 165.0)
 Measurement = dict[str, Any]
 
 
@@ -42,7 +44,7 @@ class LawChecks:
         self.law, self.states, self.tensor, self.claims = law, states, tensor, claims
         d = law.d
         self.implementation = Implementation(LAW, law, d * d)
-        self.rotation = random_rotation(d, rng, 110.0)
+        self.rotations = [random_rotation(d, rng, degrees) for degrees in ANGLES]
         self.along = rng.uniform(-1, 1, (d, d))
         self.has = law.functions.keys()
         self.scales: dict[str, float] = {}
@@ -58,9 +60,9 @@ class LawChecks:
                     yield self._task("derivatives", quantity, name, self._taylor, quantity, F)
                     yield self._task("exact derivatives", quantity, name, self._exactly, quantity, F)
             for quantity in self.has:
-                yield self._task("objectivity", quantity, name, self._rotated, quantity, F, self.rotation, one)
+                yield self._task("objectivity", quantity, name, self._rotated, quantity, F, [(Q, one) for Q in self.rotations])
                 if self.isotropic:
-                    yield self._task("isotropy", quantity, name, self._rotated, quantity, F, one, self.rotation)
+                    yield self._task("isotropy", quantity, name, self._rotated, quantity, F, [(one, R) for R in self.rotations])
                 if self.stvk:
                     yield self._task("agreement", quantity, name, self._agreement, quantity, F)
             if "P" in self.has:
@@ -69,11 +71,15 @@ class LawChecks:
                 yield self._task("major symmetry", "A", name, self._major, F)
                 yield self._task("minor symmetries", "C", name, self._minor, F)
         for quantity in self.has:
+            yield self._task("unchanged argument", quantity, "all states", self._unchanged, quantity)
             if quantity != "A":
                 yield self._task("rest", quantity, "rest", self._rest, quantity)
             if self.tensor is not None:
                 yield self._task("moduli at rest", quantity, "rest", self._moduli, quantity)
-            yield self._task("inversion", quantity, "mirrored", self._inversion, quantity)
+            if self.stvk:
+                yield self._task("inversion", quantity, "mirrored", self._agreement, quantity, self._mirrored)
+        if "P" not in self.has and "W" in self.has:
+            yield self._task("rest", "dW/dF", "rest", self._stress_at_rest)
         yield self._task("strong ellipticity", "A", "rest", self._elliptic, one)
 
     def _task(self, check: str, quantity: str, state: str, measured: Callable[..., Measurement], *arguments: Any) -> Task:
@@ -142,12 +148,20 @@ class LawChecks:
             "reason": "round-off of a stencil that is exact for polynomials of degree four",
         }
 
-    def _rotated(self, quantity: str, F: Array, Q: Array, R: Array) -> Measurement:
-        """Compare the value at `Q F R` with the value at F, with its first indices rotated by `Q` and the others by `R`."""
-        rotated, value = self._value(quantity, Q @ F @ R), self._value(quantity, F)
-        if quantity != "W":
-            value = Q @ value @ R if quantity == "P" else np.einsum("ai,bk,ijkl,jc,ld->acbd", Q, Q, value, R, R)
-        return self._relative(quantity, rotated - value, self._limit(quantity), _ROUND)
+    def _rotated(self, quantity: str, F: Array, rotations: list[tuple[Array, Array]]) -> Measurement:
+        """Compare the values at `Q F R` with the value at F, with its first indices rotated by `Q` and the others by `R`."""
+        value, errors = self._value(quantity, F), []
+        for Q, R in rotations:
+            expected = Q @ value @ R if quantity == "P" else value
+            if quantity == "A":
+                expected = np.einsum("ai,bk,ijkl,jc,ld->acbd", Q, Q, value, R, R)
+            errors.append(self._value(quantity, Q @ F @ R) - expected)
+        return self._relative(quantity, np.array(errors), self._limit(quantity), _ROUND)
+
+    def _unchanged(self, quantity: str) -> Measurement:
+        """Check that no call of a function so far has changed its argument."""
+        reason = "a function that changes its argument changes the F of its caller"
+        return {"measured": float(quantity in self.law.changing), "limit": 0.0, "scale": "1", "reason": reason}
 
     def _limit(self, quantity: str) -> float:
         """Return the limit for round-off. It is larger for a C without P, whose geometric part is computed by differences."""
@@ -182,8 +196,13 @@ class LawChecks:
         return self._relative("A", error, limit, _ROUND)
 
     def _rest(self, quantity: str) -> Measurement:
-        return self._relative(
-            quantity, self._value(quantity, np.eye(self.law.d)), 1e-10, "a body at rest has neither energy nor stress"
+        return self._relative(quantity, self._value(quantity, np.eye(self.law.d)), 1e-10, _NOTHING)
+
+    def _stress_at_rest(self) -> Measurement:
+        """Check that the derivative of W vanishes at rest, for a law without a stress of its own."""
+        at_rest, *strained = (np.abs(differences(self.law.W, F, 2e-3)).max() for F in (np.eye(self.law.d), *self.law.generic))
+        return relative(
+            float(at_rest), float(max(strained)), 1e-7, "largest |dW/dF| in strained states", f"{_NOTHING}; differences"
         )
 
     def moduli(self, quantity: str) -> Array:
@@ -199,17 +218,10 @@ class LawChecks:
         reason = "differences of sixth order" if quantity != "A" else "round-off; for C, stresses by differences"
         return relative(error, scale, 1e-7, "largest modulus of the claim", reason)
 
-    def _inversion(self, quantity: str) -> Measurement:
-        """Check the law at det F < 0.
-
-        St. Venant-Kirchhoff must agree with the claim there. For another law, W, P and A must be all defined or all undefined.
-        """
-        mirrored = self.law.generic[0] @ np.diag([-1.0, *[1.0] * (self.law.d - 1)])
-        if self.stvk:
-            return self._agreement(quantity, mirrored)
-        defined = {other: self._defined(other, mirrored) for other in self.has}
-        reason = "W, P and A are all defined where det F < 0, or none is"
-        return {"measured": float(len(set(defined.values())) - 1), "limit": 0.0, "scale": "1", "reason": reason}
+    @property
+    def _mirrored(self) -> Array:
+        """A generic state with det F < 0."""
+        return np.asarray(self.law.generic[0] @ np.diag([-1.0, *[1.0] * (self.law.d - 1)]))
 
     def _defined(self, quantity: str, F: Array) -> bool:
         try:
@@ -230,7 +242,7 @@ class LawChecks:
 
     def facts(self) -> list[str]:
         """Return lines on inversion and on the loss of strong ellipticity."""
-        lines = [self._when_crushed()] if "W" in self.has else []
+        lines = ([self._when_crushed()] if "W" in self.has else []) + self._partly_defined()
         for name, path in _PATHS.items():
             lines += self._loss(name, path)
         return lines
@@ -245,6 +257,14 @@ class LawChecks:
             except ContractViolation:
                 words.append(f"W is not defined when {state}")
         return "inversion: " + ", ".join(words)
+
+    def _partly_defined(self) -> list[str]:
+        """Return a remark if some of W, P and A are defined where det F < 0, and others are not."""
+        defined = {quantity: self._defined(quantity, self._mirrored) for quantity in self.has}
+        if len(set(defined.values())) == 1:
+            return []
+        there, missing = (", ".join(q for q in self.has if defined[q] is value) for value in (True, False))
+        return [f"remark: where det F < 0, {missing} cannot be computed, but {there} can: not all of them notice an inversion"]
 
     def _loss(self, name: str, path: Callable[[float, int], Array]) -> list[str]:
         """Return a line with the stretch at which strong ellipticity is first lost, found by bisection."""
@@ -266,6 +286,7 @@ class LawChecks:
             return []
 
 
+_NOTHING = "a body at rest has neither energy nor stress"
 _ROUND = "round-off; 1e-7 where a stress or tangent is taken by differences"
 _PATHS: dict[str, Callable[[float, int], Array]] = {
     "uniaxial compression": lambda s, d: np.diag([1 - 0.9 * s, *[1.0] * (d - 1)]),

@@ -41,10 +41,11 @@ def invariance(case: Case) -> Iterator[Task]:
     rng = case.random("invariance")
     mirror = np.eye(d) - 2 * np.outer(np.eye(d)[0], np.eye(d)[0])
     shift = np.ptp(case.centred, axis=0).max() * rng.standard_normal(d)
-    Q = random_rotation(d, rng, degrees=115.0)
+    Q, little, far = (random_rotation(d, rng, degrees) for degrees in (115.0, 35.0, 165.0))
     motions = {"translation": (np.eye(d), shift), "rotation": (Q, 0 * shift), "reflection": (Q @ mirror, 0 * shift)}
-    for implementation in case.implementations:
-        for motion, (Q, c) in motions.items():
+    further = {"rotation by 35 degrees": (little, 0 * shift), "rotation by 165 degrees": (far, 0 * shift)}
+    for implementation in case.implementations:  # agreement compares St. Venant-Kirchhoff in rotated states
+        for motion, (Q, c) in (motions if case.is_stvk(implementation) else motions | further).items():
             for quantity in "WFK":
                 measure = partial(_change, case, implementation, quantity, motion, Q, c)
                 yield Task("invariance", implementation, quantity, motion, quantity, measure)
@@ -54,7 +55,7 @@ def _change(case: Case, implementation: Implementation, quantity: str, motion: s
     d = case.mesh.d
     if np.linalg.det(Q) < 0 and not case.is_stvk(implementation):
         raise NotApplicable("a law may tell a body from its mirror image; the candidate does not claim to be St. Venant-Kirchhoff")
-    if case.mesh.d == 1 and motion == "rotation":
+    if case.mesh.d == 1 and motion.startswith("rotation"):
         raise NotApplicable("a line cannot rotate")
     u = case.states[STRETCH]
     moved = (case.centred @ (Q - np.eye(d)).T + u.reshape(-1, d) @ Q.T + c).ravel()
