@@ -291,6 +291,9 @@ class CanPenetrate(Protocol):
     def smallest_gap(self, u: Array) -> float:
         """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
 
+    def too_soft(self, impact: float) -> str:
+        """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, or an empty text."""
+
 
 @runtime_checkable
 class DoesWork(Protocol):

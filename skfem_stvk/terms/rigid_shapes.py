@@ -41,6 +41,11 @@ class RigidShape(Specification, ABC):
         """Name in messages."""
         return type(self).__name__
 
+    @property
+    def half_thickness(self) -> float:
+        """Half of the thickness [m]: points that are deeper are pushed out on the other side. Infinite if there is no such side."""
+        return np.inf if getattr(self, "inside", False) else getattr(self, "radius", np.inf)
+
     @abstractmethod
     def numbers(self) -> NDArray[np.float64]:
         """Return the numbers of the shape for the kernels."""
@@ -225,6 +230,10 @@ class RigidBox(RigidShape):
         expected = f"0 to {most:g}, half of the shortest side"
         radius = number("RigidBox: radius", self.radius, expected, 0.0, most, closed=True, error=ContactError)
         object.__setattr__(self, "radius", radius)
+
+    @property
+    def half_thickness(self) -> float:
+        return float(np.subtract(self.high, self.low).min()) / 2
 
     def numbers(self) -> NDArray[np.float64]:
         half = np.full(3, np.inf)
