@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any, TypeVar
 
@@ -67,10 +70,54 @@ def grid(title: str, *columns: str, right: tuple[str, ...] = ()) -> Table:
 
 
 def say(line: str, quiet: bool) -> None:
-    """Print a line unless `quiet`, and log it."""
+    """Print a line unless `quiet`, and log it. A line that cannot be printed does not end the analysis."""
     if not quiet:
-        print(line, flush=True)
+        with suppress(OSError):  # a full disk, or a closed pipe
+            print(line, flush=True)
     log(line)
+
+
+def note(text: str) -> None:
+    """Print a message of this package on standard error. If it cannot be printed, the work goes on."""
+    with suppress(OSError):
+        _NoteConsole(stderr=True, highlight=False).print(
+            f"{__name__.partition('.')[0]}: {text}", style="dim", markup=False, soft_wrap=True
+        )
+
+
+class _NoteConsole(Console):
+    """Console of notes, which does not end the process if its pipe is closed."""
+
+    def on_broken_pipe(self) -> None:
+        """Continue without the text."""
+
+
+class _DroppingFile(io.FileIO):
+    """File of a standard stream. Text that it cannot take, on a full disk or in a closed pipe, is dropped without an error."""
+
+    def write(self, data: Any) -> int:
+        """Write bytes, and return their number."""
+        with suppress(OSError):
+            return super().write(data)
+        return memoryview(data).nbytes
+
+
+@contextmanager
+def unfailing_output() -> Iterator[None]:
+    """Drop text that standard output and standard error cannot take, so that it does not end the work in this block."""
+    replaced = {}
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        with suppress(OSError, AttributeError):  # a closed stream, or one in memory, is left as it is
+            file = io.BufferedWriter(_DroppingFile(stream.fileno(), "w", closefd=False))
+            setattr(sys, name, io.TextIOWrapper(file, stream.encoding, "backslashreplace", line_buffering=True))
+            replaced[name] = stream
+    try:
+        yield
+    finally:
+        for name, stream in replaced.items():
+            getattr(sys, name).flush()
+            setattr(sys, name, stream)
 
 
 class Progress:

@@ -7,6 +7,7 @@ import io
 import sys
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,7 +16,7 @@ from rich.console import Console
 
 from ..about import launched
 from ..errors import AnalysisError, StvkError, StvkWarning
-from ..terminal import BAD_INPUT, INTERRUPTED, console, printable
+from ..terminal import BAD_INPUT, INTERRUPTED, console, printable, unfailing_output
 from . import budget, partition, ranks, referee, scenes, warm_up
 
 
@@ -26,7 +27,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     meet its expectations, and 130 if the command was interrupted.
     """
     with ranks.only_first_prints():
-        return _run(_parser().parse_args(arguments))
+        options = _parser().parse_args(arguments)
+        with unfailing_output() if options.to_files else nullcontext():
+            return _run(options)
 
 
 def _run(options: argparse.Namespace) -> int:
@@ -62,13 +65,14 @@ def _show(notes: Console, otherwise: Callable[..., None], message: Warning | str
 @dataclass(frozen=True)
 class Command:
     """Command `skfem-stvk NAME`: the function that runs it and returns the exit code, its line of help, the function that adds its
-    arguments, and whether it runs on several ranks.
+    arguments, whether it runs on several ranks, and whether its results are files, so that it goes on if it cannot print.
     """
 
     run: Callable[[argparse.Namespace], int]
     help: str
     add_arguments: Callable[[argparse.ArgumentParser], None] | None = None
     on_ranks: bool = False
+    to_files: bool = False
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -78,30 +82,37 @@ def _parser() -> argparse.ArgumentParser:
         one = commands.add_parser(name, help=command.help, description=command.run.__doc__)
         if command.add_arguments is not None:
             command.add_arguments(one)
-        one.set_defaults(run=command.run, command=name, on_ranks=command.on_ranks)
+        one.set_defaults(run=command.run, command=name, on_ranks=command.on_ranks, to_files=command.to_files)
     return parser
 
 
 #: All commands, by their names.
 COMMANDS = {
     "init": Command(scenes.init, "print a commented example of a scene", scenes.init_arguments),
-    "solve": Command(scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments, on_ranks=True),
-    "sweep": Command(
-        scenes.solve_product, "solve a scene for all combinations of values, in parallel processes", scenes.sweep_arguments
+    "solve": Command(
+        scenes.solve, "solve a scene: a whole job in one TOML file", scenes.solve_arguments, on_ranks=True, to_files=True
     ),
-    "partition": Command(partition.partition, "divide a mesh for ranks of MPI, into one file", partition.add_arguments),
+    "sweep": Command(
+        scenes.solve_product,
+        "solve a scene for all combinations of values, in parallel processes",
+        scenes.sweep_arguments,
+        to_files=True,
+    ),
+    "partition": Command(
+        partition.partition, "divide a mesh for ranks of MPI, into one file", partition.add_arguments, to_files=True
+    ),
     "verify": Command(referee.check, "check W, F and K against scikit-fem's on a mesh", referee.verify_arguments),
     "verify-law": Command(
         referee.check_law, "check W(F), stress and tangent of a law, without a mesh", referee.verify_law_arguments
     ),
-    "export": Command(referee.export, "write test vectors for codes that are not Python", referee.export_arguments),
+    "export": Command(referee.export, "write test vectors for codes that are not Python", referee.export_arguments, to_files=True),
     "bench": Command(
         referee.name_the_benchmark,
         "print the command of the benchmark, which needs a checkout of the project",
         referee.bench_arguments,
     ),
     "budget": Command(budget.budget, "measure what fits in a time step: full and reduced bodies of a mesh", budget.add_arguments),
-    "warm-up": Command(warm_up.warm_up, "compile kernels ahead, on all cores", warm_up.add_arguments),
+    "warm-up": Command(warm_up.warm_up, "compile kernels ahead, on all cores", warm_up.add_arguments, to_files=True),
     "info": Command(
         scenes.info, "inspect a scene or a mesh, and report its faults; without a file: versions", scenes.info_arguments
     ),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shlex
 import signal
 import sys
@@ -17,8 +16,8 @@ from typing import Any
 
 from ..about import machine, versions
 from ..errors import StvkError
+from ..kernels.compiled import cache_folder
 from ..kernels.threads import threads
-from ..kernels.topology import expand
 from ..mesh import read_mesh
 from ..nonlinear.outcome import finish_on_signal
 from ..peers import PEERS
@@ -221,14 +220,11 @@ def _optional() -> dict[str, str]:
 
 
 def _caches() -> dict[str, str]:
-    """Return the folder of compiled kernels, and whether it is writable."""
-    folder = getattr(getattr(expand, "_cache", None), "cache_path", None)
+    """Return the folder of compiled kernels, and the number of its files."""
+    folder = cache_folder()
     if folder is None:
         return {"kernels kept in": "no folder, so every process compiles. Set NUMBA_CACHE_DIR to a writable folder"}
-    nearest = next(parent for parent in (Path(folder), *Path(folder).parents) if parent.exists())
-    writable = "writable" if os.access(nearest, os.W_OK | os.X_OK) else "NOT writable; set NUMBA_CACHE_DIR to a writable folder"
-    kept = len(list(Path(folder).glob("*.nbc")))
-    return {"kernels kept in": f"{folder} ({kept} files, {writable})"}
+    return {"kernels kept in": f"{folder} ({len(list(folder.glob('*.nbc')))} files)"}
 
 
 def _scene(options: argparse.Namespace) -> Scene:

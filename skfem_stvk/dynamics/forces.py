@@ -12,7 +12,7 @@ from ..edges import NONE, Tensions
 from ..mesh.displacements import array_to_fill, by_vertex
 from ..system import System, TangentOperator
 from ..system.operator import refuse_overflow
-from ..terms import HasDampingForce, HasMeanForce, HasVolume
+from ..terms import HasDampingForce, HasMeanForce, HasVolume, is_load
 from ..terms.load import Time
 from ..terms.protocols import Assumed
 
@@ -116,9 +116,11 @@ def _combined(
     return R
 
 
-def damping_is_of_edges(system: System) -> bool:
-    """Return whether the Gauss-Newton tangent contains the edges alone, so that `tau K_GN` damps nothing else."""
-    return system.dead and all(isinstance(term, HasDampingForce) for term in system.bound_terms)
+def damped_beside_edges(system: System) -> list[str]:
+    """Return the names of the terms, other than laws on edges, that are in the Gauss-Newton tangent, so that `tau K_GN` damps them."""
+    elastic, loads = iter(system.bound_terms), iter(system.bound_loads)
+    bound = [(term, next(loads if is_load(term) else elastic)) for term in system.terms]
+    return [type(term).__name__ for term, one in bound if not (one.dead if is_load(term) else isinstance(one, HasDampingForce))]
 
 
 def passes_inversion(system: System) -> bool:

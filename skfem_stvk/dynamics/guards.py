@@ -71,9 +71,16 @@ class Guard:
 
 
 def relative_closure_error(ledger: Ledger) -> float:
-    """Return the final closure error as a part of the initial or supplied energy. It is negative if the steps lost energy."""
-    most = reference_energy(ledger)
-    return float(ledger["closure_error"][-1] / most) if most > 0 else 0.0
+    """Return the final closure error as a part of the initial or supplied energy. It is negative if the steps lost energy.
+
+    Lost energy is a part of the sum of both, of which steps lose at most all.
+    """
+    error, most = float(ledger["closure_error"][-1]), reference_energy(ledger)
+    if error < 0:
+        kinetic, potential, external = (ledger[name] for name in COLUMNS[:-1])
+        supplied = float((external - potential).max() - (external - potential)[0])
+        most = max(most, float(kinetic[0] + known_strain(ledger)[0]) + supplied)
+    return error / most if most > 0 else 0.0
 
 
 def reference_energy(ledger: Ledger) -> float:

@@ -10,6 +10,7 @@ from ..linear.choose import header_text
 from ..nonlinear.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..results.files import WriteError
 from ..results.monitors import Finding, Monitors
+from ..terms.protocols import CanPenetrate
 from ..units import UnitSystem, remarks
 from .contact_findings import contact_findings, start_within
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
@@ -238,6 +239,8 @@ class Loop:
             penalty = ", or VolumePenalty() among the terms if elements invert" * (not self._inversions.resisted)
             parts = f"the step from {self._time(t)} did not converge, not even in 64 parts: {detail}.{there}"
             impacts = bool(self.setup.motion.system.contacts) and not isinstance(self.setup.integrator, BackwardEuler)
+            if "contact" in detail and (soft := self._soft_contacts()):
+                return f"{parts}{soft}"
             return (
                 f"{parts}{start_within(self.setup.motion.system, self.record.ledger)} Try a smaller dt or another tangent"
                 f"{', or BackwardEuler, which damps impacts' * impacts}{penalty}."
@@ -249,6 +252,16 @@ class Loop:
             return f"interrupted at {self._time(t)}: results could not be written ({cause}). {remedy}{detail}{there}"
         by = f" by {type(cause).__name__}: {str(cause).rstrip('.')}" if str(cause) else ""
         return f"interrupted at {self._time(t)}{by}.{detail}{there}"
+
+    def _soft_contacts(self) -> str:
+        """Return sentences on contacts that do not stop the body at its speed within their shapes; empty if all do."""
+        motion, system = self.setup.motion, self.setup.motion.system
+        mesh, v = system.mesh, np.abs(motion.states.expand(self.record.state.v).reshape(-1, system.mesh.d))
+        per_size = system.body.lumped_mass.sum() / system.body.sizes.sum()  # density, or mass per area of membranes
+        speed = np.linalg.norm(v, axis=1)
+        along = speed * (v @ mesh.extent) if mesh.k == mesh.d else speed**2  # speed^2 times the height
+        impact = system.space.most(float(np.sqrt(per_size * along.max(initial=0.0))))
+        return "".join(one.too_soft(impact) for one in system.contacts if isinstance(one, CanPenetrate))
 
     def _time(self, t: float) -> str:
         return f"t = {t:.6g} {self._units.of('s')}"

@@ -1,4 +1,4 @@
-"""Compilation of kernels by numba, once per machine, and their machine code on disk.
+"""Compilation of kernels by numba, once per machine, and their machine code on disk, outside of the package.
 
 Damaged files of machine code are deleted and compiled again. If machine code cannot be stored, every process compiles. Both cases
 are reported.
@@ -16,20 +16,22 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
+from tempfile import TemporaryFile
 from time import monotonic
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, ClassVar, TypeAlias, TypeVar
 
 import numba
 import numpy as np
 from numba.core import serialize
-from numba.core.caching import IndexDataCacheFile
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, _CacheLocator
 from numba.core.event import Listener, register
 from numba.core.registry import CPUDispatcher
 from numba.core.types import NoneType
 from numba.extending import overload
 from numpy.typing import NDArray
-from rich.console import Console
+from platformdirs import user_cache_path
 
+from ..about import versions
 from ..errors import log
 
 Ids: TypeAlias = NDArray[Any]
@@ -72,10 +74,10 @@ class FirstUse(Listener):
     def on_start(self, event: Any) -> None:
         if not self._began and _is_kernel(event):
             self._began = self._said = monotonic()
-            stored = "they are stored on disk; `skfem-stvk warm-up` compiles ahead, on all cores" if self.on_disk else NOT_STORED
+            stored = f"they are stored in {cache_folder()}; `skfem-stvk warm-up` compiles ahead, on all cores"
             self._say(
                 f"compiling kernels for their first use: W, F and K of one kind of element have {self.KERNELS} kernels and take "
-                f"about {self.TIME} s; {stored}"
+                f"about {self.TIME} s; {stored if self.on_disk else NOT_STORED}"
             )
 
     def on_end(self, event: Any) -> None:
@@ -88,8 +90,13 @@ class FirstUse(Listener):
     def _say(self, text: str) -> None:
         log(text)
         if not self.quiet:
-            console = Console(stderr=True, highlight=False)
-            console.print(f"{__name__.partition('.')[0]}: {text}", style="dim", markup=False, soft_wrap=True)
+            _print(text)
+
+
+def _print(text: str) -> None:
+    from ..terminal import note  # rich is imported only for a message
+
+    note(text)
 
 
 def _is_kernel(event: Any) -> bool:
@@ -169,15 +176,14 @@ def kernel(function: Function) -> Function:
     The key of the code on disk covers all files that the module of the kernel imports. The reason is that a kernel contains the
     code of the functions it calls. If no folder can be written to, every process compiles again.
     """
-    try:
-        compiled: Function = numba.njit(cache=True, **OPTIONS_OF_KERNELS)(function)
-    except RuntimeError:  # no folder for the cache
-        compiled = numba.njit(**OPTIONS_OF_KERNELS)(function)
-        first_use.on_disk = False
-    else:
-        if compiled is not function:  # numba returns the function itself when it is switched off
-            tolerate_damage(compiled, source_hash(function.__module__.rpartition(".")[2]))
-    return compiled
+    compiled: Any = numba.njit(**OPTIONS_OF_KERNELS)(function)
+    if compiled is not function:  # numba returns the function itself when it is switched off
+        if cache_folder() is None:
+            first_use.on_disk = False
+        else:
+            compiled._cache = KernelCache(function)
+    kernel: Function = compiled
+    return kernel
 
 
 #: Options of pieces. Only kernels call pieces, and the machine code of a kernel contains its pieces. Therefore pieces have no
@@ -258,8 +264,39 @@ class AlteredCode(Exception):
     """Error raised when a cache file differs from the file that was written."""
 
 
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder for the machine code of this installation, which is made; None if no folder is writable.
+
+    The folder is in `NUMBA_CACHE_DIR` or else in the user's cache folder. Its name has the versions of package, Python and numba and
+    a hash of the package's folder, so that two checkouts of one version do not replace the files of each other.
+    """
+    found = versions(("skfem-stvk", "numba"))
+    package = sha256(str(Path(__file__).parents[1]).encode()).hexdigest()[:12]
+    name = f"{found['skfem-stvk']}-python{found['python']}-numba{found['numba']}-{package}".replace(" ", "-")
+    given, user = numba.config.CACHE_DIR, user_cache_path("skfem-stvk", appauthor=False)  # type: ignore[attr-defined]
+    roots = [Path(given) / "skfem-stvk"] if given else []
+    roots += [user] if user.is_absolute() else []  # it begins with "~" if there is no home
+    for root in roots:
+        with suppress(OSError):
+            folder = root.absolute() / name
+            folder.mkdir(parents=True, exist_ok=True)
+            TemporaryFile(dir=folder).close()
+            return folder
+    return None
+
+
 class CheckedFile(IndexDataCacheFile):
-    """Cache files of one function, each with its digest at the end, because altered machine code would crash the process."""
+    """Cache files of one function. Each ends with its digest, because altered machine code would crash the process."""
+
+    def save(self, key: Any, data: Any) -> None:
+        """Save machine code with the source and the types that it belongs to, because processes may choose one name at once."""
+        super().save(key, (self._source_stamp, key, data))
+
+    def load(self, key: Any) -> Any:
+        """Return the machine code for a key; None if there is none of this source and these types."""
+        stamp, types, data = super().load(key) or (None, None, None)
+        return data if (stamp, types) == (self._source_stamp, key) else None
 
     def _dump(self, value: Any) -> bytes:
         data: bytes = super()._dump(value)
@@ -283,35 +320,68 @@ class CheckedFile(IndexDataCacheFile):
                 file.unlink(missing_ok=True)
 
 
-def tolerate_damage(dispatcher: Any, stamp: str) -> None:
-    """Make the cache of a compiled function tolerate damaged files and full disks."""
-    cache = dispatcher._cache
-    cache._cache_file.__class__, cache._cache_file._source_stamp = CheckedFile, stamp
-    load, save = cache.load_overload, cache.save_overload
+class KernelLocator(_CacheLocator):
+    """Where the machine code of a kernel is stored, and the source to which it belongs."""
 
-    def loaded(signature: Any, target: Any) -> Any:
+    def __init__(self, function: Any, file: str) -> None:
+        self._py_file, self._line, self._module = file, function.__code__.co_firstlineno, function.__module__.rpartition(".")[2]
+
+    @classmethod
+    def from_function(cls, function: Any, file: str) -> KernelLocator:
+        """Return the locator of a function in a file."""
+        return cls(function, file)
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(cache_folder())
+
+    def get_source_stamp(self) -> str:
+        """Return the hash of the source."""
+        return source_hash(self._module)
+
+    def get_disambiguator(self) -> str:
+        """Return a text that distinguishes functions of one name in a file."""
+        return str(self._line)
+
+
+class KernelFiles(CompileResultCacheImpl):
+    """Names of the files of a kernel."""
+
+    _locator_classes: ClassVar[list[type[_CacheLocator]]] = [KernelLocator]
+
+
+class KernelCache(FunctionCache):
+    """Machine code of a kernel on disk. Damaged files and full disks only cost the time to compile it again."""
+
+    _impl_class = KernelFiles
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        self._cache_file.__class__ = CheckedFile
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Return the machine code for the types of arguments; None if there is none."""
         try:
             with postpone_ctrl_c():
-                return load(signature, target)
+                return super().load_overload(signature, target)
         except Exception as error:  # pickle and LLVM raise many types of errors for damaged bytes
-            cache._cache_file.delete()
+            self._cache_file.delete()
             _say(
                 "damaged",
-                f"a file of the kernel cache in {cache.cache_path} is damaged ({_reason(error)}); it is deleted and compiled again",
+                f"a file of the kernel cache in {self.cache_path} is damaged ({_reason(error)}); it is deleted and compiled again",
             )
             return None
 
-    def saved(signature: Any, data: Any) -> None:
+    def save_overload(self, signature: Any, data: Any) -> None:
+        """Store the machine code for the types of arguments."""
         try:
-            save(signature, data)
+            super().save_overload(signature, data)
         except OSError as error:
             _say(
                 "full",
-                f"compiled kernels cannot be stored in {cache.cache_path} ({_reason(error)}), so every process compiles again. "
+                f"compiled kernels cannot be stored in {self.cache_path} ({_reason(error)}), so every process compiles again. "
                 "Free disk space, or set NUMBA_CACHE_DIR to another folder",
             )
-
-    cache.load_overload, cache.save_overload = loaded, saved
 
 
 def _say(kind: str, text: str) -> None:
@@ -319,7 +389,7 @@ def _say(kind: str, text: str) -> None:
     if kind not in _reported:
         _reported.add(kind)
         log(text)
-        Console(stderr=True, highlight=False).print(f"skfem_stvk: {text}.", style="dim", markup=False, soft_wrap=True)
+        _print(f"{text}.")
 
 
 def _reason(error: Exception) -> str:

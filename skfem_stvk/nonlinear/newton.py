@@ -205,7 +205,7 @@ class _Descent:
             return End.NO_LENGTH
         if s < SHORTEST and s == BEFORE_THE_LIMIT * limit:
             if limit == through:
-                self._record.detail = f"{contact!r}. Try a smaller step"
+                self._record.detail = f"{contact!r}"
                 return End.CONTACT
             self._record.detail = self._problem.named(self._problem.inside_out(u + 1.01 * limit * v))
             return End.INSIDE_OUT

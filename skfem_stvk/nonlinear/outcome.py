@@ -6,7 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from enum import Enum
 from types import FrameType
 from typing import Any
@@ -141,4 +141,5 @@ def _on_interrupt(number: int, frame: FrameType | None) -> None:
     if _finish_requested:
         raise KeyboardInterrupt
     _finish_requested = True
-    print("\nCtrl-C: ending after this step; press it again to end at once.", file=sys.stderr, flush=True)
+    with suppress(OSError):
+        print("\nCtrl-C: ending after this step; press it again to end at once.", file=sys.stderr, flush=True)

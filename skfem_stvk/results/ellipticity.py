@@ -62,7 +62,7 @@ def refuse_other_laws(fields: ElasticBody) -> None:
             ids = fields.mesh.element_numbers[part.elements]
             raise StvkError(
                 f"{name_ids(ids, 'element')} in {law}: expected StVK, the only law with a check "
-                "of strong ellipticity. Leave out ellipticity=True, or the field smallest_acoustic_eigenvalue."
+                "of strong ellipticity. Leave out ellipticity, or the field smallest_acoustic_eigenvalue."
             )
 
 

@@ -232,6 +232,7 @@ def _values(result: StaticResult | Run | Modes) -> dict[str, float]:
         nowhere = {"energy_gained": result.gained, "blow_ups": float(result.blow_ups)}
         return {"time": result.t, "steps": float(ledger.steps - 1)} | energies | nowhere | common
     critical = {f"critical.{number}": float(point.t) for number, point in enumerate(result.critical_points)}
+    critical["jumps"] = float(len(result.jumps))
     energy = {"energy.strain": float(sum(result.system.elastic_energies(result.u)))}
     return {"load": result.t, "steps": float(len(result.history))} | energy | critical | common
 

@@ -174,6 +174,11 @@ class History(Sequence[Step]):
         return tuple(point for step in self._steps for point in step.critical)
 
     @property
+    def jumps(self) -> tuple[Step, ...]:
+        """States before which the body snapped or buckled, see `Step.jump`."""
+        return tuple(step for step in self._steps if step.jumped)
+
+    @property
     def iterations(self) -> int:
         """Total number of iterations of Newton's method, including failed attempts."""
         return sum(len(step.iterations) for step in self._steps) + sum(len(attempt.iterations) for attempt in self.attempts)

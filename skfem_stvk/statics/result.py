@@ -26,7 +26,7 @@ from ..results.series import save_series
 from ..results.vtu import DEFAULT
 from ..system import System
 from .critical import CriticalPoint
-from .history import History
+from .history import History, Step
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -80,8 +80,13 @@ class StaticResult:
 
     @property
     def critical_points(self) -> tuple[CriticalPoint, ...]:
-        """Limit points and bifurcations on the path, in order, each with its mode."""
+        """Limit points and bifurcations on the path, in order, each with its mode. Load steps may jump over them: see `jumps`."""
         return self.history.critical_points
+
+    @property
+    def jumps(self) -> tuple[Step, ...]:
+        """States before which the body snapped or buckled, far from the extrapolation of the states before; see `Step.jump`."""
+        return self.history.jumps
 
     def reaction(self, where: Where | None = None) -> Reaction:
         """Return the force of the ground on the body at a location: `.resultant` [N], `.moment(about)` [N m], `.by_node`.

@@ -159,7 +159,10 @@ class ElasticLaw(Specification, ABC):
         assert self.material is not None
         if self.material.density is None:
             region = f" on {self.region!r}" if isinstance(self.region, str) else ""
-            raise MaterialError(f"The material{region} has no density. Give it one: StVK(..., density=...) [kg/m^3].")
+            given = self if isinstance(self.material, Isotropic) else self.material
+            raise MaterialError(
+                f"The material{region} has no density. Give it one: {type(given).__name__}(..., density=...) [kg/m^3]."
+            )
         return sizes * self.section(mesh, len(sizes)) * np.asarray(self.material.density)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:

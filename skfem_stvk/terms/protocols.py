@@ -302,6 +302,9 @@ class CanPenetrate(Protocol):
         Such a part has no node outside the shape, and nodes deeper than half of its size.
         """
 
+    def too_soft(self, impact: float) -> str:
+        """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, or an empty text."""
+
 
 @runtime_checkable
 class DoesWork(Protocol):

@@ -248,6 +248,24 @@ class BoundRigidContact:
         """Return the smallest `s > 0` at which a point is halfway on its way `u + s v` through the resting shape, or infinity."""
         return float(kernels.step_limit(self._surface, self._shape, self._shift, np.zeros(3), u, v))
 
+    def too_soft(self, impact: float) -> str:
+        """Return a sentence if a body gets farther than halfway through the shape, or an empty text.
+
+        Parameters
+        ----------
+        impact
+            `v sqrt(rho h)` of a body of this speed, density and height: its depth is `v sqrt(rho h/k)`.
+        """
+        total, half = self._body.mesh.space.total, self.contact.shape.thickness / 2
+        k = total(float(self._weights.sum())) / total(float(self.areas.sum()))
+        depth = impact / np.sqrt(k)
+        if depth <= half:
+            return ""
+        return (
+            f" The contact {self.name!r} is too soft: with its stiffness of {k:.3g} [N/m^3] the body gets {depth:.3g} m deep; expected "
+            f"less than half of the thickness of the shape, {half:.3g} m. Take a larger stiffness."
+        )
+
     def refuse_start(self, u: Array) -> None:
         """Raise ContactError if a part of the body lies within the shape at `u` (nv, d), or points are halfway through it.
 

@@ -21,6 +21,7 @@ from slow import slow
 from skfem_stvk import StVK, System, verify
 from skfem_stvk.cli.main import main
 from skfem_stvk.cli.scenes import OPTIONAL
+from skfem_stvk.kernels.compiled import cache_folder
 from skfem_stvk.referee import verification
 from skfem_stvk.referee.checks import agreement, precision
 from skfem_stvk.referee.rendering import rendered
@@ -170,7 +171,7 @@ def test_info_prints_versions_threads_caches_and_every_optional_package_or_its_i
     lines = {line[:16].strip(): line[18:] for line in out.splitlines()}
     assert {"python", "skfem-stvk", "scikit-fem", "processor", "cores", "kernels run on", *OPTIONAL} <= set(lines)
     assert lines["pyvista"] == "not installed: pip install 'skfem-stvk[plot]'" and lines["numpy"] == np.__version__
-    assert "writable" in lines["kernels kept in"] or "NUMBA_CACHE_DIR" in lines["kernels kept in"]
+    assert f"{cache_folder()} (" in lines["kernels kept in"] or "NUMBA_CACHE_DIR" in lines["kernels kept in"]
 
 
 def without_pyvista(package):

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import meshio
 import numpy as np
 import pytest
+import skfem
 from motions import BOTH, MESHES, SCENES, begun, clamped, driven, loaded, material, pushed, reached, spinning, velocities
 
 from skfem_stvk import (
@@ -23,6 +24,8 @@ from skfem_stvk import (
     NodalLoad,
     Pressure,
     RegionError,
+    RigidContact,
+    RigidPlane,
     StateError,
     StVK,
     StvkError,
@@ -199,6 +202,20 @@ def test_energy_lost_by_the_steps_is_reported():
     assert "energy" not in clamped(2).run(EnergyMomentum(0.05), 0.5).message
 
 
+def test_steps_lose_at_most_all_energy():
+    """A body with initial and supplied energy that large steps stop at once has lost nearly all of both, not 200 % of one."""
+    bar = skfem.MeshLine(np.linspace(0, 1, 4))
+    system = System(bar, [StVK(young=10.0, poisson=0.3, density=1.0), Gravity((1.0,))], fixed={lambda x: x[0] == 0: "x"})
+    fallen, v0 = system.external_force(np.zeros(4)) @ solve_static(system, quiet=True).u, np.ones(4)
+    v0 *= np.sqrt(2 * fallen / system.mass().vertex[1:].sum())
+    run = simulate(system, BackwardEuler(1e3), until=1e4, v0=v0, quiet=True)
+    kinetic, potential = run.ledger["kinetic_energy"], run.ledger["potential_energy"]
+    lost = -run.ledger["closure_error"][-1]
+    assert lost > 1.3 * kinetic[0] and lost > 1.3 * (potential[0] - potential[-1])  # of one alone, it is more than all
+    assert -1 <= run.gained < -0.7 and run.gained == pytest.approx(-lost / (kinetic[0] + potential[0] - potential[-1]), rel=1e-3)
+    assert f"lost {-100 * run.gained:.0f} % of the energy" in run.message
+
+
 def test_ctrl_c_leaves_a_checkpoint_that_resumes(tmp_path):
     mesh, until = MESHES[2], 0.9
     hit = []
@@ -277,9 +294,10 @@ def test_ctrl_c_at_the_end_of_a_step_leaves_a_whole_step(integrator, tmp_path, m
 
 def test_eq_9_refuses_edge_damping_that_would_damp_other_terms():
     mesh = MESHES[2]
-    for other in (VolumePenalty(), Pressure("right", 0.1), ElasticFoundation("left", 1.0)):
-        system = System(mesh, [material(mesh), other])
-        with pytest.raises(StvkError, match=r"would also damp follower loads, foundations and volume penalties.*BackwardEuler"):
+    floor = RigidContact(RigidPlane((0, -1), (0, 1)))
+    for other in (VolumePenalty(), Pressure("right", 0.1), ElasticFoundation("left", 1.0), floor):
+        system = System(mesh, [material(mesh), Gravity((0, -1)), other])
+        with pytest.raises(StvkError, match=rf"would also damp {type(other).__name__}; expected laws on edges .*BackwardEuler"):
             call(system, LinearBackwardEuler(0.01, solver="superlu"), damping=EdgeDamping(0.1))
         assert call(system, BackwardEuler(0.01), damping=EdgeDamping(0.1)).success
 

@@ -336,6 +336,25 @@ def test_a_library_whose_start_crashes_is_refused(tmp_path):
         SharedLibrary(file, {"energy": "W"})
 
 
+def commands_of_the_workflow():
+    """Return the commands that install the package, and those that build and check the library."""
+    commands = re.findall(r"^ +- run: (.*)$", (DOCS / "verify.yml").read_text(), re.MULTILINE)
+    assert len(commands) == 5
+    return commands[:2], commands[2:]
+
+
+def test_the_workflow_installs_the_package_from_a_checkout_at_one_address(tmp_path):
+    (clone, install), _ = commands_of_the_workflow()
+    assert (clone.count("ADDRESS"), install) == (1, "pip install ../skfem-stvk")
+    if not (DOCS.parents[1] / ".git").exists():
+        pytest.skip("the sources are not a checkout")
+    (tmp_path / "mine").mkdir()
+    subprocess.run(
+        clone.replace("ADDRESS", DOCS.parents[1].as_uri()).split(), cwd=tmp_path / "mine", check=True, capture_output=True
+    )
+    assert 'name = "skfem-stvk"' in (tmp_path / "skfem-stvk" / "pyproject.toml").read_text()
+
+
 @pytest.fixture(scope="module")
 def build(tmp_path_factory):
     """Run the commands of the workflow on a copy of the docs' folder, except the installation, and return the folder."""
@@ -348,9 +367,8 @@ def build(tmp_path_factory):
     environment = {**os.environ, "PATH": f"{folder.parent}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(DOCS.parents[1])}
     if find_spec("pybind11") is not None:
         environment["pybind11_DIR"] = import_module("pybind11").get_cmake_dir()
-    commands = re.findall(r"^ +- run: (.*)$", (folder / "verify.yml").read_text(), re.MULTILINE)
-    assert commands[0] == "pip install skfem-stvk" and len(commands) == 4
-    outputs = [subprocess.run(one.split(), cwd=folder, env=environment, capture_output=True, text=True) for one in commands[1:]]
+    _, commands = commands_of_the_workflow()
+    outputs = [subprocess.run(one.split(), cwd=folder, env=environment, capture_output=True, text=True) for one in commands]
     assert [done.returncode for done in outputs] == [0, 0, 0], outputs
     return folder / "build"
 

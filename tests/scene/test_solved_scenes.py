@@ -192,6 +192,33 @@ def in_parentheses(x):
     return f"({', '.join(f'{value:.4g}' for value in x)})"
 
 
+BUCKLED = """
+mesh = { type = "box", size = [10.0, 1.0], cells = [20, 2] }
+materials.rubber = { model = "isotropic", young = 1e5, poisson = 0.3 }
+fixed = { left = "xy" }
+analysis = { type = "static", steps = 10 }
+output = { picture = "" }
+expect.jumps = { value = 0, atol = 0 }
+[[terms]]
+type = "stvk"
+material = "rubber"
+[[terms]]
+type = "traction"
+on = "right"
+traction = [-680.0, 0.2]
+"""
+
+
+def test_a_column_that_buckled_has_a_jump_in_its_results(tmp_path, capsys):
+    """Three times its critical load: it is in equilibrium, and load steps have passed the critical point."""
+    (tmp_path / "column.toml").write_text(BUCKLED)
+    assert main(["solve", str(tmp_path / "column.toml"), "--quiet"]) == 3
+    summary = json.loads((tmp_path / "column" / "summary.json").read_text())
+    assert "the body snapped or buckled there" in summary["message"] and summary["results"]["jumps"] == 1.0
+    assert main(["solve", str(tmp_path / "column.toml"), "--quiet", "--force", "--set", "terms[1].traction=[-68.0, 0.2]"]) == 0
+    assert json.loads((tmp_path / "column" / "summary.json").read_text())["results"]["jumps"] == 0.0
+
+
 def test_results_are_judged_by_the_expectations(tmp_path, capsys):
     good = "[expect]\nwall.z = { value = 2000, rtol = 1e-6 }\nload = { value = 1, atol = 0 }\n"
     assert main(["solve", str(scene(tmp_path, STATIC, FOLLOWED, good, name="good.toml")), "--quiet"]) == 0

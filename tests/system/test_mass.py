@@ -8,7 +8,18 @@ import skfem
 from bodies import BODIES, MESHES, box, sheet
 from skfem.helpers import dot
 
-from skfem_stvk import ElasticFoundation, ElementMesh, MaterialError, StVK, StvkError, System, VolumePenalty
+from skfem_stvk import (
+    EdgeNetwork,
+    ElasticFoundation,
+    ElementMesh,
+    MaterialError,
+    NeoHookean,
+    StVK,
+    StvkError,
+    System,
+    VolumePenalty,
+)
+from skfem_stvk.materials import Orthotropic
 from skfem_stvk.system.mass import KINDS
 
 RNG = np.random.default_rng(0)
@@ -195,6 +206,21 @@ def test_without_density_there_is_no_mass():
         System(*BODIES["tetrahedra, isotropic"]).mass()
     with pytest.raises(MaterialError, match="No term has a density"):
         System(MESHES["tetrahedra"], VolumePenalty(1.0)).mass()
+    wood = Orthotropic((11.0, 0.9, 0.5), (0.6, 0.45, 0.37), (0.04, 0.7, 0.75))
+    for law, words in ((NeoHookean(young=1.0, poisson=0.3), "NeoHookean"), (StVK(wood), "Orthotropic")):
+        with pytest.raises(MaterialError, match=rf"Give it one: {words}\(\.\.\., density=\.\.\.\)"):
+            System(MESHES["tetrahedra"], law).mass()
+
+
+def test_a_network_without_laws_names_how_to_give_it_mass():
+    """A law with a density, which is the remedy for other bodies, would add its stiffness."""
+    mesh = MESHES["triangles"]
+    made = EdgeNetwork.of(mesh, StVK(young=2.0, poisson=0.3, density=3.0))
+    with pytest.raises(
+        MaterialError, match=r"no mass, because an EdgeNetwork of edges and coefficients .*EdgeNetwork\.of\(mesh, StVK"
+    ):
+        System(mesh, EdgeNetwork(made.edges, made.L)).mass()
+    assert System(mesh, made).mass().total == pytest.approx(3.0 * volumes(mesh).sum())
 
 
 @pytest.mark.parametrize("kind", ["diagonal", None, ["lumped"]])

@@ -1,5 +1,6 @@
 """Contact with rigid shapes: exact derivatives and works, closed forms of friction, and balances of whole analyses."""
 
+import re
 import sys
 import threading
 import warnings
@@ -433,6 +434,46 @@ def test_the_halves_of_a_step_that_would_pass_are_two_steps_of_half_the_length()
     assert np.array_equal(halved.u, half.u) and half.contact("ball").resultant[2] > 1.0
     with pytest.raises(SimulationError, match="the body would pass through a contact: 'ball'"):
         Simulation(body, LinearBackwardEuler(1.6e-3), v0=v0).step()
+
+
+@pytest.mark.parametrize("integrator", [EnergyMomentum, LinearBackwardEuler, VelocityVerlet])
+def test_a_shape_that_is_too_soft_for_the_speed_is_named_with_its_stiffness(integrator):
+    """Smaller steps fail alike; a larger stiffness does not."""
+    cube, plate = box((1.0, 1.0, 1.0), (2, 2, 2)), RigidBox((-1, -1, -0.3), (2, 2, -0.1))
+    v0, law = np.tile([0, 0, -2.0], cube.nv), StVK(young=1e7, poisson=0.3, density=1e3)
+
+    def dropped(k, dt):
+        system = System(cube, [law, RigidContact(plate, stiffness=k, name="plate")])
+        return simulate(system, integrator(dt), until=0.13, v0=v0, quiet=True, raise_on_failure=False)
+
+    dt = 2e-3 if integrator is VelocityVerlet else 1e-2
+    for smaller in (1, 20):
+        run = dropped(1e5, dt / smaller)
+        found = re.search(r"'plate' is too soft: with its stiffness of 1e\+05 \[N/m\^3\] the body gets (\S+) m deep", run.message)
+        assert not run.success and float(found[1]) == pytest.approx(2 * np.sqrt(1e3 / 1e5), rel=0.3)
+        assert "less than half of the thickness of the shape, 0.1 m. Take a larger stiffness." in run.message
+        assert "smaller" not in run.message
+    assert dropped(1e6, dt).success
+
+
+def test_a_step_that_is_too_large_for_a_shape_is_not_blamed_on_its_stiffness():
+    cube, plate = box((1.0, 1.0, 1.0), (2, 2, 2)), RigidBox((-1, -1, -0.3), (2, 2, -0.1))
+    system = System(cube, [StVK(young=1e7, poisson=0.3, density=1e3), RigidContact(plate, stiffness=1e9)])
+    v0 = np.tile([0, 0, -20.0], cube.nv)
+    run = simulate(system, LinearBackwardEuler(10.0), until=10.0, v0=v0, quiet=True, raise_on_failure=False)
+    assert "would pass through a contact: 'contact'. Try a smaller dt" in run.message and "soft" not in run.message
+
+
+def test_half_the_thickness_of_a_shape_is_where_points_are_pushed_out_on_the_other_side():
+    shapes = {
+        RigidBox((0, 0, 0), (2, 1, 3)): 0.5,
+        RigidSphere((0, 0, 0), 0.3): 0.3,
+        RigidSphere((0, 0, 0), 0.3, True): np.inf,
+        RigidCylinder((0, 0, 0), (1, 0, 0), 0.2): 0.2,
+        RigidCylinder((0, 0, 0), (1, 0, 0), 0.2, True): np.inf,
+        RigidPlane((0, 0, 0), (0, 0, 1)): np.inf,
+    }
+    assert {shape: shape.thickness / 2 for shape in shapes} == shapes
 
 
 def test_without_the_check_a_block_passes_through_a_ball(monkeypatch):

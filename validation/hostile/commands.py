@@ -417,8 +417,11 @@ def damaged(damage: str, folder: Path) -> Finished:
     """Run a kernel in a copy of the package whose compiled code on disk is damaged."""
     package = Path(skfem_stvk.__file__).parent
     shutil.copytree(package, folder / "skfem_stvk")
-    DAMAGES[damage](folder / "skfem_stvk" / "kernels" / "__pycache__")
-    return checked(ran([sys.executable, "-c", PROGRAM], {"PYTHONPATH": str(folder)}), WORKS)
+    program, places = [sys.executable, "-c", PROGRAM], {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    checked(ran(program, places), WORKS)
+    (cache,) = (folder / "cache" / "skfem-stvk").iterdir()
+    DAMAGES[damage](cache)
+    return checked(ran(program, places), WORKS)
 
 
 def interrupted(seed: int, folder: Path) -> Finished:

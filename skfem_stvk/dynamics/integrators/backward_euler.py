@@ -19,7 +19,7 @@ from ...system import System, TangentOperator
 from ...system.coordinates import Coordinates
 from ...terms.load import Moment
 from ...terms.protocols import set_time
-from ..forces import damping_is_of_edges
+from ..forces import damped_beside_edges
 from ..motion import Motion
 from ..record import MotionState
 from ..step_matrix import Coefficients, StepTangent
@@ -143,9 +143,9 @@ class LinearBackwardEuler(BackwardEuler):
                 "LinearBackwardEuler: tangent='diagonal' would leave out damping between vertices. Take Rayleigh(alpha) or "
                 "another tangent."
             )
-        if motion.tau and not damping_is_of_edges(motion.system):
+        if motion.tau and (others := damped_beside_edges(motion.system)):
             raise StvkError(
-                "LinearBackwardEuler: EdgeDamping would also damp follower loads, foundations and volume penalties. Take "
+                f"LinearBackwardEuler: EdgeDamping would also damp {', '.join(dict.fromkeys(others))}; expected laws on edges alone. Take "
                 "Rayleigh(beta=tau), or BackwardEuler."
             )
         if rest and motion.system.contacts:
