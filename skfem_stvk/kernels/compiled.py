@@ -30,6 +30,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 from rich.console import Console
 
+from ..about import launched
 from ..errors import log
 
 Ids: TypeAlias = NDArray[Any]
@@ -87,7 +88,7 @@ class FirstUse(Listener):
 
     def _say(self, text: str) -> None:
         log(text)
-        if not self.quiet:
+        if not self.quiet and launched()[0] == 0:  # one rank of several prints
             console = Console(stderr=True, highlight=False)
             console.print(f"{__name__.partition('.')[0]}: {text}", style="dim", markup=False, soft_wrap=True)
 
