@@ -38,6 +38,13 @@ def test_compiling_is_reported_once_and_done_once_per_machine(tmp_path):
     assert list(tmp_path.rglob("*.nbc"))
 
 
+def test_one_rank_of_several_reports_compiling(tmp_path, monkeypatch):
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    for rank, count in (("1", 0), ("0", 1)):
+        monkeypatch.setenv("OMPI_COMM_WORLD_RANK", rank)
+        assert run(TWO_KERNELS, tmp_path / rank).stderr.count("compiling kernels") == count
+
+
 def test_a_long_first_use_reports_the_number_of_compiled_kernels(tmp_path):
     early = "from skfem_stvk.kernels.compiled import FirstUse\nFirstUse.EVERY = 0.0\n"
     lines = run(early + TWO_KERNELS, tmp_path).stderr.splitlines()
