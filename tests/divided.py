@@ -54,7 +54,7 @@ class PartSpace(Space):
         return self._owned
 
     def share(self, f):
-        each = max(self.n // f.size, 1)  # d for numbers of nodes
+        each = self.n // len(f)  # d for rows of nodes
         numbers, rows = self.numbers[::each] // each, f.reshape(self.n // each, -1)
         total = np.zeros((self._whole // each, rows.shape[1]))
         for of_part, values in self._of_all((numbers, rows)):

@@ -12,7 +12,8 @@ from skfem_stvk import Gravity, StVK, System, Traction, read_mesh, solve_static
 from skfem_stvk.distributed import distribute
 from skfem_stvk.mesh.facets import facets_of, find_facets
 
-part = distribute(read_mesh(Path(__file__).parent.parent / "scenes" / "bracket.msh"))
+FILE = Path(__file__).parent.parent / "scenes" / "bracket.msh"
+part = distribute(FILE)
 system = System(
     part,
     [StVK(young=70e9, poisson=0.33, density=2700.0), Gravity((0, 0, -9.81)), Traction("tip", (0, 0, -1.5e6))],
@@ -32,7 +33,7 @@ def picture():
     from matplotlib.figure import Figure
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-    whole = read_mesh(Path(__file__).parent.parent / "scenes" / "bracket.msh")
+    whole = read_mesh(FILE)
     rank, stress, element = np.empty(whole.nt), np.empty(whole.nt), np.empty(whole.nt * 4, dtype=int)
     for number, (elements, values) in enumerate(gathered):
         rank[elements], stress[elements] = number, values / 1e6

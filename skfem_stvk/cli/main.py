@@ -47,11 +47,20 @@ def _run(options: argparse.Namespace) -> int:
     except AnalysisError:  # an unforeseen error interrupted the analysis
         raise
     except (StvkError, OSError) as error:
-        notes.print(f"[bold red]error[/] {printable(str(error))}", soft_wrap=True)
+        notes.print(f"[bold red]error[/] {printable(_with_options(str(error)))}", soft_wrap=True)
         return BAD_INPUT
     except KeyboardInterrupt:
         notes.print("[yellow]interrupted[/]")
         return INTERRUPTED
+
+
+def _with_options(text: str) -> str:
+    """Return a message of the library with the options of the command line in place of arguments in Python.
+
+    >>> _with_options("Start again: overwrite=True, without resume.")
+    'Start again: --force, without --resume.'
+    """
+    return text.replace("overwrite=True", "--force").replace("without resume", "without --resume")
 
 
 def _show(notes: Console, otherwise: Callable[..., None], message: Warning | str, *details: Any, **more: Any) -> None:

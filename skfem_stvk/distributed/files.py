@@ -31,7 +31,7 @@ PARTS = 64
 #: simplices and of other elements, and for each of their further nodes.
 IMPORTS, CORNER, OTHER_CORNER, FURTHER = 2e8, 110, 155, 30
 #: Fields of a part with arrays by name, and its other arrays.
-NAMED = ("subdomains", "boundaries", "node_sets", "lines")
+NAMED = ("subdomains", "boundaries", "node_sets", "lines", "boundary_numbers", "line_numbers")
 ARRAYS = ("p", "t", "node_numbers", "element_numbers", "surface", "shared", "vertices")
 SUFFIXES = ".h5", ".hdf5"
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -47,6 +47,8 @@ class MeshPart(ElementMesh):
         (d, 2) smallest and largest coordinates of the whole body.
     element_count
         Number of elements of the whole mesh.
+    boundary_numbers, line_numbers
+        Numbers of the facets and segments of each name among those of the whole mesh.
     """
 
     space: Ranks = field(kw_only=True)
@@ -55,6 +57,8 @@ class MeshPart(ElementMesh):
     element_numbers: Ids = field(kw_only=True)
     bounds: NDArray[np.float64] = field(kw_only=True)
     element_count: int = field(kw_only=True)
+    boundary_numbers: Mapping[str, Ids] = field(kw_only=True)
+    line_numbers: Mapping[str, Ids] = field(kw_only=True)
     _boxes: dict[Box, Ids] = field(init=False, default_factory=dict)
 
     checked = True
@@ -63,7 +67,7 @@ class MeshPart(ElementMesh):
         for name in ("p", "t", "surface"):
             object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name)))
 
-    def elements(self, region: str | Box | NDArray[Any] | None) -> Ids:
+    def elements(self, region: str | Box | slice | NDArray[Any] | None) -> Ids:
         """Return the indices of the elements of a region on this rank; see `ElementMesh.elements`. There may be none.
 
         All ranks call it together for a `Box` that is new.
@@ -103,6 +107,8 @@ class MeshPart(ElementMesh):
             element_numbers=part.element_numbers,
             bounds=part.bounds,
             element_count=int(space.total(len(part.element_numbers))),
+            boundary_numbers=part.boundary_numbers,
+            line_numbers=part.line_numbers,
         )
 
     def values(self, values: NDArray[Any], region: str | Box | NDArray[Any] | None = None) -> NDArray[Any]:
@@ -136,9 +142,15 @@ class MeshPart(ElementMesh):
         index = order[np.minimum(np.searchsorted(self.node_numbers, numbers, sorter=order), self.nv - 1)]
         return np.where(self.node_numbers[index] == numbers, index, -1)
 
-    def beside(self, t: NDArray[np.int32], element: Element) -> MeshPart:
-        """Return the mesh of this rank's other elements `t` (n, nt) on the same nodes; there may be none."""
-        facet = named(element.facet)
+    def beside(self, t: NDArray[np.int32], element: Element, simplices: Sequence[Any] = ()) -> MeshPart:
+        """Return the mesh of this rank's other elements `t` (n, nt) on the same nodes; there may be none.
+
+        They have the numbers of the user-supplied `simplices` of the whole mesh, one after another. All ranks call it together.
+        """
+        facet, numbers, count = named(element.facet), [np.empty(0, dtype=np.int64)], 0
+        for own in map(self._numbers_of, simplices):
+            numbers.append(count + own)
+            count += int(self.space.total(float(len(own))))
         return replace(
             self,
             t=t,
@@ -147,9 +159,19 @@ class MeshPart(ElementMesh):
             boundaries={},
             lines={},
             surface=np.empty((facet.n, 0), dtype=np.int32),
-            element_numbers=np.arange(t.shape[1]),
-            element_count=t.shape[1],
+            element_numbers=np.concatenate(numbers) if simplices else np.arange(t.shape[1]),
+            element_count=count if simplices else t.shape[1],
         )
+
+    def _numbers_of(self, simplices: Any) -> Ids:
+        """Return the numbers of this rank's simplices of a name, or of nodes of the whole mesh, among all of them."""
+        if isinstance(simplices, str):
+            return (self.boundary_numbers if self.k > 1 and simplices in self.boundaries else self.line_numbers)[simplices]
+        return np.flatnonzero(self._lowest_rank(self._indices(np.asarray(simplices))) == self.space.rank)
+
+    def _lowest_rank(self, own: Ids) -> Ids:
+        """Return the lowest rank (nt,) that has all nodes of each element; `own` (n, nt) are indices on this rank, or -1."""
+        return self.space.least(np.where((own >= 0).all(axis=0), self.space.rank, self.space.size))
 
     def local_cells(self, t: NDArray[np.int32], what: str) -> NDArray[np.int32]:
         """Return those of other elements `t` (n, nt), with the nodes of the whole mesh, that are on this rank, by its own nodes.
@@ -162,7 +184,7 @@ class MeshPart(ElementMesh):
             if no rank has all nodes of an element; `what` begins the message.
         """
         own = self._indices(t)
-        rank = self.space.least(np.where((own >= 0).all(axis=0), self.space.rank, self.space.size))
+        rank = self._lowest_rank(own)
         if len(bad := np.flatnonzero(rank == self.space.size)):
             raise MeshError(
                 f"{what}: {name_ids(bad, 'element')} with nodes of which no rank has all; expected each on one rank. Name these "

@@ -41,6 +41,8 @@ class PartContent:
         (m, n) facets of the surface of the whole body, oriented outwards.
     subdomains, boundaries, node_sets, lines
         Names with their elements, facets (m, n), nodes and segments (m, n); every part has all names.
+    boundary_numbers, line_numbers
+        Names with the numbers (n,) of these facets and segments among those of the name in the whole mesh.
     shared
         (2, n) nodes, ascending, and numbers of the other parts that have them.
     bounds
@@ -59,6 +61,8 @@ class PartContent:
     boundaries: Mapping[str, NDArray[np.int32]]
     node_sets: Mapping[str, NDArray[np.int32]]
     lines: Mapping[str, NDArray[np.int32]]
+    boundary_numbers: Mapping[str, Ids]
+    line_numbers: Mapping[str, Ids]
     shared: Ids
     bounds: NDArray[np.float64]
     vertices: int
@@ -174,7 +178,8 @@ class _Division:
         number = np.empty(mesh.nv, dtype=np.int32)
         for one, (own, ids) in enumerate(zip(nodes, elements, strict=True)):
             number[own] = np.arange(len(own))
-            named = {key: number[every[:, groups[one]]] for key, (every, groups) in self._named.items()}
+            groups = {key: of[one] for key, (_, of) in self._named.items()}
+            named = {key: number[self._named[key][0][:, ids]] for key, ids in groups.items()}
             index, every = self._entries(own)
             holder = self._has[every] % parts
             yield PartContent(
@@ -190,6 +195,8 @@ class _Division:
                 boundaries={name: facets for (kind, name), facets in named.items() if kind == "boundaries"},
                 node_sets={name: number[of[one]] for name, of in sets_by_part.items()},
                 lines={name: ends for (kind, name), ends in named.items() if kind == "lines"},
+                boundary_numbers={name: ids for (kind, name), ids in groups.items() if kind == "boundaries"},
+                line_numbers={name: ids for (kind, name), ids in groups.items() if kind == "lines"},
                 shared=np.stack([index, holder])[:, holder != one],
                 bounds=mesh.bounds,
                 vertices=int(np.searchsorted(own, mesh.nvertices)),
@@ -302,6 +309,8 @@ def join(pieces: Sequence[PartContent], own: Sequence[int], rank_of: NDArray[np.
         _joined([{k: of[v] for k, v in one.boundaries.items()} for of, one in zip(number, pieces, strict=True)]),
         _joined([{k: of[v] for k, v in one.node_sets.items()} for of, one in zip(number, pieces, strict=True)], True),
         _joined([{k: of[v] for k, v in one.lines.items()} for of, one in zip(number, pieces, strict=True)]),
+        _joined([one.boundary_numbers for one in pieces]),
+        _joined([one.line_numbers for one in pieces]),
         first.shared,
         first.bounds,
         int(np.searchsorted(nodes, max(one.node_numbers[one.vertices - 1] for one in pieces), side="right")),

@@ -31,7 +31,7 @@ from numba.extending import overload
 from numpy.typing import NDArray
 from platformdirs import user_cache_path
 
-from ..about import versions
+from ..about import launched, versions
 from ..errors import log
 
 Ids: TypeAlias = NDArray[Any]
@@ -89,7 +89,7 @@ class FirstUse(Listener):
 
     def _say(self, text: str) -> None:
         log(text)
-        if not self.quiet:
+        if not self.quiet and launched()[0] == 0:  # one rank of several prints
             _print(text)
 
 

@@ -43,7 +43,7 @@ MOST_ROWS, ROUNDING = 2000, 8 * float(np.finfo(float).eps)
 MISSING = """solver='petsc' needs petsc4py, PETSc and an MPI library ({error}). On Debian and Ubuntu:
     apt install python3-petsc4py python3-petsc4py-real python3-mpi4py openmpi-bin python3-venv
     export PETSC_DIR=/usr/lib/petscdir/petsc3.18/x86_64-linux-gnu-real        # the version that is there
-    /usr/bin/python3 -m venv --system-site-packages venv && venv/bin/pip install skfem-stvk "numpy<2"
+    /usr/bin/python3 -m venv --system-site-packages venv && venv/bin/pip install ".[mpi]" "numpy<2"    # in a checkout
 Elsewhere: conda install -c conda-forge petsc4py mpi4py"""
 
 #: Outcomes of PETSc's `KSPConvergedReason`. The residual of a solve that converged is still checked; any other reason is a failure.

@@ -357,7 +357,7 @@ class ElementMesh(LabelledMesh):
             ends[self.t[self.element.corners + i]] = self.t[[a, b]].T
         return ends
 
-    def beside(self, t: NDArray[np.int32], element: Element) -> ElementMesh:
+    def beside(self, t: NDArray[np.int32], element: Element, simplices: Sequence[Any] = ()) -> ElementMesh:
         """Return the mesh of other elements on the same nodes.
 
         Parameters
@@ -366,6 +366,8 @@ class ElementMesh(LabelledMesh):
             (n, nt) nodes of the elements.
         element
             Kind of the elements.
+        simplices
+            Names or nodes of the whole mesh, from which a part of a mesh numbers its elements; not used here.
         """
         return ElementMesh(self.p, t, element=element)
 
@@ -420,22 +422,22 @@ class ElementMesh(LabelledMesh):
         """Return node sets as ids, from ids or masks."""
         return {name: vertices_at(self, np.asarray(ids), f"Node set {name!r}") for name, ids in self.node_sets.items() if len(ids)}
 
-    def elements(self, region: str | Box | NDArray[Any] | None) -> NDArray[np.int64]:
+    def elements(self, region: str | Box | slice | NDArray[Any] | None) -> NDArray[np.int64]:
         """Return the ids (n,) of the elements of a region.
 
         Parameters
         ----------
         region
-            A name in `subdomains`, a `Box` around their centres, element ids, a mask (nt,), or None for all. The centre of an
-            element is the mean of its corners.
+            A name in `subdomains`, a `Box` around their centres, element ids, a mask (nt,), or None for all; or a slice of the
+            elements of this part. The centre of an element is the mean of its corners.
 
         Raises
         ------
         RegionError
             if the name is unknown, or the ids are empty, out of range or repeated.
         """
-        if region is None:
-            return np.arange(self.nt)
+        if region is None or isinstance(region, slice):
+            return np.arange(self.nt)[region or slice(None)]
         if isinstance(region, str):
             if region not in self.subdomains:
                 raise RegionError(f"The mesh has no subdomain {shown(region)}; {name_known(region, self.subdomains)}")

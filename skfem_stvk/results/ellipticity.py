@@ -49,6 +49,8 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
     """
     mesh, lowest = state.fields.mesh, np.zeros(state.fields.mesh.nt)
     missing = state.fields.without_term | (mesh.k < mesh.d)
+    if mesh.k == mesh.d and any(part.known for part in state.fields.parts):
+        refuse_other_laws(state.fields)  # alike in all parts of a divided body, also in one without elements of the law
     if len(ids := np.flatnonzero(~missing)):
         lowest[ids] = _smallest_of(ids, *_response(state))
     return lowest, missing
@@ -60,9 +62,10 @@ def refuse_other_laws(fields: ElasticBody) -> None:
         if part.law is not None or part.linear:
             law = "LinearElastic" if part.linear else type(part.law).__name__
             ids = fields.mesh.element_numbers[part.elements]
+            where = f"{name_ids(ids, 'element')} in {law}" if len(ids) else law
             raise StvkError(
-                f"{name_ids(ids, 'element')} in {law}: expected StVK, the only law with a check "
-                "of strong ellipticity. Leave out ellipticity, or the field smallest_acoustic_eigenvalue."
+                f"{where}: expected StVK, the only law with a check of strong ellipticity. Leave out ellipticity, or the field "
+                "smallest_acoustic_eigenvalue."
             )
 
 

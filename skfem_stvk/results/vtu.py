@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Sequence
+from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from unicodedata import category
@@ -119,7 +120,7 @@ def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
         for name in _masks_elsewhere(cells, mesh.space):
             cells[name] = [np.zeros(len(t), dtype=np.uint8) for _, t in elements]
         points[NODES] = mesh.node_numbers
-        cells[ELEMENTS] = [mesh.element_numbers[kinds[0][1]], *(np.full(len(t), -1) for _, t in elements[1:])]
+        cells[ELEMENTS] = [body_state.fields.mesh.element_numbers[present] for body_state, present in kinds]
         cells[RANK] = [np.full(len(t), mesh.space.rank, dtype=np.int32) for _, t in elements]
     return meshio.Mesh(in_space(mesh.p.T), elements, points, cells)
 
@@ -159,7 +160,7 @@ def _arrays(name: str, values: Array, symmetric: bool = False) -> Arrays:
 
 def _components(values: Array, symmetric: bool) -> Array:
     if not symmetric:
-        return values.reshape(len(values), -1) if values.ndim > 1 else values
+        return values.reshape(len(values), prod(values.shape[1:])) if values.ndim > 1 else values  # there may be no elements
     i, j = np.array(VTK).T
     return values[:, i, j]
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ..arguments import real_array, shown, whole_array
 from ..elements import ELEMENTS, Element, named
 from ..errors import MeshError, name_ids, name_known
+from ..linear.space import Space
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.locations import checked_facets, checked_lines
 from .protocols import is_load
@@ -68,7 +69,7 @@ def connected(value: MeshLike, terms: Sequence[Any]) -> Connected:
     p = mesh.p if mesh is not None else points
     degree = 1 if mesh is None else mesh.element.degree
     assert p is not None
-    blocks: dict[str, list[NDArray[np.int32]]] = {}
+    blocks: dict[str, list[tuple[NDArray[np.int32], Any]]] = {}  # by element: simplices, and how the user supplies them
     regions: dict[int, tuple[str, slice]] = {}
     for number, term in enumerate(terms):
         if _has_own_elements(term):
@@ -79,19 +80,22 @@ def connected(value: MeshLike, terms: Sequence[Any]) -> Connected:
                     "elements of lower dimension. To select elements of the mesh, give region=...; if all terms have their own "
                     "elements, give bare points, System(mesh.p, ...)."
                 )
-            regions[number] = element.name, _positions(t, blocks.setdefault(element.name, []))
+            space = Space(0) if mesh is None else mesh.space
+            regions[number] = element.name, _positions(t, term.simplices, blocks.setdefault(element.name, []), space)
     meshes = [] if mesh is None else [mesh]
     order = sorted(blocks, key=lambda name: -ELEMENTS[name].k)
     if len({ELEMENTS[name].k for name in order}) < len(order):
         raise MeshError(f"Got {', '.join(order)} as simplices; expected one kind of elements of each dimension.")
     for name in order:
-        t = np.concatenate(blocks[name], axis=1)
-        meshes.append(ElementMesh(p, t, element=ELEMENTS[name]) if mesh is None else mesh.beside(t, ELEMENTS[name]))
+        arrays, simplices = zip(*blocks[name], strict=True)
+        t = np.concatenate(arrays, axis=1)
+        own = ElementMesh(p, t, element=ELEMENTS[name]) if mesh is None else mesh.beside(t, ELEMENTS[name], simplices)
+        meshes.append(own)
     numbers = {name: number for number, name in enumerate(order, start=len(meshes) - len(order))}
     resolved, of = list(terms), [0] * len(terms)
     for number, (name, part) in regions.items():
         of[number] = numbers[name]
-        resolved[number] = terms[number].on(_region(part, meshes[of[number]].nt))
+        resolved[number] = terms[number].on(None if part == slice(0, meshes[of[number]].nt) else part)
     return Connected(meshes[0], tuple(meshes[1:]), tuple(resolved), tuple(of), p if mesh is None else mesh)
 
 
@@ -158,17 +162,12 @@ def _refuse_without_simplices(terms: Sequence[Any], with_elements: Sequence[Any]
         )
 
 
-def _positions(t: NDArray[np.int32], blocks: list[NDArray[np.int32]]) -> slice:
-    """Return the positions of simplices among those of their kind; they are added unless the same ones exist."""
+def _positions(t: NDArray[np.int32], simplices: Any, blocks: list[tuple[NDArray[np.int32], Any]], space: Space) -> slice:
+    """Return the positions of simplices among those of their kind; they are added unless the same ones exist in all parts."""
     begin = 0
-    for block in blocks:
-        if block.shape == t.shape and np.array_equal(block, t):
+    for block, _ in blocks:
+        if not space.any(not np.array_equal(block, t)):
             return slice(begin, begin + t.shape[1])
         begin += block.shape[1]
-    blocks.append(t)
+    blocks.append((t, simplices))
     return slice(begin, begin + t.shape[1])
-
-
-def _region(part: slice, nt: int) -> NDArray[np.int64] | None:
-    """Return ids of elements, None for all of them."""
-    return None if part == slice(0, nt) else np.arange(part.start, part.stop)

@@ -98,7 +98,7 @@ class NeoHookean(ElasticLaw):
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:
             raise MaterialError("NeoHookean is for solids and surfaces; the mesh has segments. Take StVK for cables and bars.")
         lam, mu = self.lame(mesh, Hypothesis.SOLID)
-        if (bad := mesh.elements(self.region)[lam < 0]).size:
+        if (bad := mesh.element_numbers[mesh.elements(self.region)[lam < 0]]).size:
             raise MaterialError(
                 f"{name_ids(bad, 'element')}: Poisson's ratio below 0, with which the energy of NeoHookean falls without bound as "
                 "elements grow. Take StVK."

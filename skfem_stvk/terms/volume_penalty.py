@@ -215,7 +215,7 @@ class VolumePenalty:
             check_length(np.asarray(self.stiffness), len(elements), "VolumePenalty: stiffness")
             return np.broadcast_to(np.asarray(self.stiffness), elements.shape)
         modulus = body.confined_modulus[elements]
-        bare = elements[modulus == 0]
+        bare = mesh.element_numbers[elements[modulus == 0]]
         if len(bare):
             raise MaterialError(
                 f"VolumePenalty: {name_ids(bare, 'element')} without a material, which gives the default stiffness. Give "

@@ -16,6 +16,7 @@ from mpi4py import MPI
 from skfem_stvk import ElementMesh, MeshError, StVK, StvkError, System, read_state
 from skfem_stvk.distributed import distribute
 from skfem_stvk.results import Fields, Series, compare_networks, names, plot, write_mesh, write_vtu
+from skfem_stvk.system.signature import Fingerprint
 
 warnings.simplefilter("ignore")
 COMM = MPI.COMM_WORLD
@@ -34,11 +35,16 @@ def bodies():
         if name == "tetrahedra":
             bag = StVK(young=7.0, poisson=0.2, simplices="skin", thickness=0.1)
             yield "covered", mesh, lambda m, bag=bag: System(m, [StVK(young=2.0, poisson=0.3, region="low"), bag])
+            order = np.argsort(mesh.p[0])
+            lines = {"near": np.stack([order[:3], order[1:4]]), "far": np.stack([order[-4:-1], order[-3:]])}
+            tied, pairs = ElementMesh(mesh.p, mesh.t, {"low": low, "some": low[::2]}, lines=lines), np.unique(np.sort(mesh.t[:2, ::9], axis=0), axis=1)
+            cables = [StVK(young=7.0, area=0.1 * i, simplices=where) for i, where in enumerate(("near", "far", pairs), start=1)]
+            yield "tied", tied, lambda m, cables=cables: System(m, [StVK(young=2.0, poisson=0.3), *cables])
 
 
 def division(name, mesh):
     """Return the rank of each element: strips of which the first has terms everywhere, random ranks, or None for METIS."""
-    if name == "covered" or name.startswith("part of"):
+    if name in ("covered", "tied") or name.startswith("part of"):
         return np.argsort(np.argsort(mesh.p[0, mesh.t].mean(axis=0))) * COMM.size // mesh.nt
     return np.random.default_rng(2).permutation(np.arange(mesh.nt) % COMM.size) if "quad" in name else None
 
@@ -49,6 +55,11 @@ def difference(space, own, whole, numbers):
     a, b = np.ma.filled(own, 0.0), whole.filled(0.0)
     same = np.array_equal(np.ma.getmaskarray(own), np.ma.getmaskarray(whole)[numbers])
     return space.most(float(np.abs(a - b[numbers]).max(initial=0.0)) if same else np.inf) / (np.abs(b).max() or 1.0)
+
+
+def relative(own, whole):
+    """Return the largest relative difference of numbers."""
+    return float(np.max(np.abs(np.divide(own, whole) - 1)))
 
 
 def same_bits(space, x):
@@ -73,7 +84,8 @@ def main(folder):
         space, u = part.space, 0.1 * state(mesh).ravel()
         v = np.cos(np.arange(u.size))
         one, whole = Fields.of(build(part)).at(u[space.numbers], v[space.numbers]), Fields.of(build(mesh)).at(u, v)
-        found = {}
+        of_lower = [Fingerprint("path of equilibria", build(m), {}, (1.0,), {}).signature.numbers for m in (part, mesh)]
+        found = {"signature": relative(*(numbers.get("the elements beside the mesh", [1.0]) for numbers in of_lower))}
         for field in names():
             found[field] = difference(space, one[field], whole[field], part.element_numbers)
             at_nodes = one.at_nodes(field)

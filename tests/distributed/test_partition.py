@@ -40,8 +40,12 @@ def assert_are_the_mesh(parts, mesh):
     assert columns(*(part.element_numbers[part.subdomains["low"]][None] for part in parts)) == columns(mesh.subdomains["low"][None])
     for name, facets in mesh.boundaries.items():
         assert columns(*(part.node_numbers[part.boundaries[name]] for part in parts)) == columns(facets)
+        for part in parts:
+            assert np.array_equal(part.node_numbers[part.boundaries[name]], facets[:, part.boundary_numbers[name]])
     for name, ends in mesh.lines.items():
         assert columns(*(part.node_numbers[part.lines[name]] for part in parts)) == columns(ends)
+        for part in parts:
+            assert np.array_equal(part.node_numbers[part.lines[name]], np.asarray(ends)[:, part.line_numbers[name]])
     having = [[number for number, part in enumerate(parts) if node in part.node_numbers] for node in range(mesh.nv)]
     for number, part in enumerate(parts):
         assert np.array_equal(part.p, mesh.p[:, part.node_numbers])

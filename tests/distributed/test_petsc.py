@@ -23,6 +23,16 @@ needs_petsc = pytest.mark.skipif(not Petsc().available, reason="petsc4py cannot 
 SYMMETRIC, GENERAL = Kind.SYMMETRIC, Kind.GENERAL
 
 
+def test_the_page_the_error_and_ci_install_the_same():
+    root = Path(__file__).parents[2]
+    page, ci = (root / "docs" / "how-to" / "cluster.md").read_text(), (root / ".ci" / "petsc").read_text()
+    for line in ("apt install python3-petsc4py python3-petsc4py-real python3-mpi4py", 'pip install ".[mpi]" "numpy<2"'):
+        assert page.count(line) == petsc.MISSING.count(line) == ci.count(line) == 1
+    for text in (page, petsc.MISSING):
+        assert "/usr/bin/python3 -m venv --system-site-packages venv" in text
+    assert "/usr/bin/python3 -m venv --system-site-packages " in ci
+
+
 def solved(K, unknowns, options="", kind=SYMMETRIC, rtol=1e-10):
     """Return the solution for a random force."""
     b = np.random.default_rng(3).standard_normal(unknowns.n)

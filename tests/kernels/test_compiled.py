@@ -48,6 +48,13 @@ def test_compiling_is_reported_once_and_done_once_per_machine(tmp_path):
     assert first.stdout == second.stdout == second.stderr == ""
 
 
+def test_one_rank_of_several_reports_compiling(tmp_path, monkeypatch):
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    for rank, count in (("1", 0), ("0", 1)):
+        monkeypatch.setenv("OMPI_COMM_WORLD_RANK", rank)
+        assert run(TWO_KERNELS, tmp_path / rank).stderr.count("compiling kernels") == count
+
+
 def test_a_long_first_use_reports_the_number_of_compiled_kernels(tmp_path):
     lines = run(REPORTS.format("0") + TWO_KERNELS, tmp_path).stderr.splitlines()
     assert [int(line.split()[1]) for line in lines[1:]] == [1, 2, 3] and all(
