@@ -179,11 +179,6 @@ WARNINGS = {
     ),
     "Scenes, reduced bodies, start": (
         (
-            "The scene leaves out parts that it cannot express",
-            "`Scene.of` a system with parts that have no key",
-            "Add them in Python.",
-        ),
-        (
             "[expect] can limit energy_gained",
             "a scene's motion that blew up on the way, or gained energy",
             "Take a smaller `dt` or an implicit integrator.",

@@ -87,8 +87,6 @@ THINNED = {
         "test_a_series_on_disk_gives_the_film_of_its_states",
         "test_every_kind_of_body_moves_in_a_film",
     ),
-    "scene/test_footprint.py": ("test_a_term_has_its_own_row_and_no_other_row_contains_its_bytes",),
-    "scene/test_named.py": ("test_a_law_is_the_same_in_a_scene",),
     "statics/test_checkpoint.py": ("test_after_each_state_a_restored_continuation_has_the_same_state",),
     "system/test_cost_of_terms.py": ("test_without_a_term_its_kernels_do_not_run_and_its_arrays_do_not_exist",),
     "system/test_divided.py": (

@@ -112,7 +112,6 @@ def test_a_new_law_works_in_python_in_a_scene_and_with_the_referee(package):
     assert found.success and np.abs(found.u - whole.u).max() < 1e-10 * np.abs(found.u).max()
     law = {"type": "damaged", "material": "steel", "damage": 0.2}
     assert np.array_equal(Scene.of_data(BAR | {"terms": [law, BAR["terms"][1]]}).solve(quiet=True).result.u, found.u)
-    assert Scene.of(system, BAR["analysis"]).data["terms"][0] == {"type": "damaged", "material": "isotropic-1", "damage": 0.2}
     with pytest.raises(SceneError, match=r"terms\[0\]\.damage: got 1.0; expected a value less than 1"):
         Scene.of_data(BAR | {"terms": [law | {"damage": 1.0}, BAR["terms"][1]]})
     assert "## damaged" in page() and "Lost fraction of the stiffness" in json_schema()
@@ -140,8 +139,6 @@ def test_a_new_load_works_in_python_in_a_scene_and_with_the_referee(package):
     )
     u, v = (scene.solve(quiet=True).result.u for scene in (ours, theirs))
     assert np.abs(u).max() > 1e-3 and np.abs(u - v).max() < 1e-10 * np.abs(u).max()
-    again = Scene.of(ours.system(), BAR["analysis"]).data["terms"][1]
-    assert again["type"] == "shared-force" and again["time"] | {"start": 0.0} == ramp | {"start": 0.0}
     with pytest.raises(SceneError, match=r"terms\[1\]\.force: has 2 components; expected 3"):
         Scene.of_data(BAR | {"terms": [BAR["terms"][0], {"type": "shared-force", "force": [1.0, 2.0]}]}).system()
 
@@ -213,8 +210,10 @@ def test_a_scene_takes_an_integrator_and_a_linear_solver_by_their_row(package):
     """
     EXTENSIONS["integrator"](package)
     EXTENSIONS["linear solver"](package)
-    free = System(box(2), [STEEL, Gravity((0, 0, -9.81))])
-    moved = Scene.of(free, {"type": "dynamic", "integrator": "drift-kick", "dt": 1e-6, "until": 1e-4})
+    free = System(box_mesh((2.0, 1.0, 1.0), (2, 1, 1)), [STEEL, Gravity((0, 0, -9.81))])
+    steel, terms = BAR["materials"]["steel"] | {"density": 1000.0}, [BAR["terms"][0], {"type": "gravity", "g": [0.0, 0.0, -9.81]}]
+    motion = {"type": "dynamic", "integrator": "drift-kick", "dt": 1e-6, "until": 1e-4}
+    moved = Scene.of_data(BAR | {"materials": {"steel": steel}, "terms": terms, "fixed": {}, "analysis": motion})
     assert np.array_equal(moved.solve(quiet=True).result.u, simulate(free, DriftKick(dt=1e-6), until=1e-4, quiet=True).u)
     assert Scene.of_data(BAR | {"solver": {"name": "dense"}}).solve(quiet=True).result.solver == "dense"
     with pytest.raises(SceneError, match=r"solver\.name: 'dence' is not known here; did you mean 'dense'\?"):

@@ -74,7 +74,9 @@ USES = {
         "",
     ),
     "a scene": (
-        BODY + "from skfem_stvk import Scene\nScene.of(system, {'type': 'static'}).system()",
+        "from skfem_stvk import Scene\nbox = {'type': 'box', 'size': [2.0, 1.0], 'cells': [2, 1]}\n"
+        "law, steel = {'type': 'stvk', 'material': 'steel'}, {'model': 'isotropic', 'young': 1.0, 'poisson': 0.3}\n"
+        "Scene.of_data({'mesh': box, 'materials': {'steel': steel}, 'terms': [law], 'analysis': {'type': 'static'}}).system()",
         "pydantic",
     ),
     "a picture": (STATIC + "result.plot(path='body.png')", "matplotlib"),

@@ -22,7 +22,6 @@ from ..mesh import read_mesh
 from ..nonlinear.outcome import finish_on_signal
 from ..peers import PEERS
 from ..scene import Scene, sweep, templates
-from ..scene.footprint import footprint, table
 from ..scene.info import Inspection, inspect_mesh, inspect_scene
 from ..scene.outcome import SceneOutcome, SummaryRow, as_printed
 from ..scene.report import REPORT
@@ -179,7 +178,6 @@ def info_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--units", choices=list(UNITS), help="system of units of the mesh and its material; by default SI")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value in a scene")
     parser.add_argument("--json", action="store_true", help="print JSON instead of tables")
-    parser.add_argument("--footprint", action="store_true", help="elements, bytes and packages of each part of a scene")
 
 
 def info(options: argparse.Namespace) -> int:
@@ -189,8 +187,6 @@ def info(options: argparse.Namespace) -> int:
 
     Without a file, print versions, the machine, threads, caches and every optional package, or the line that installs it.
     """
-    if options.footprint:
-        return _footprint(options)
     if options.file is None:
         return _of_installation(options)
     found = inspect_scene(_scene(options)) if options.file.endswith(".toml") else _of_mesh(options)
@@ -234,18 +230,6 @@ def _scene(options: argparse.Namespace) -> Scene:
             f"{', '.join(given)}: a scene defines its materials and units. Change them with --set materials.NAME.young=..."
         )
     return Scene.read(options.file, options.set)
-
-
-def _footprint(options: argparse.Namespace) -> int:
-    """Print elements, bytes and packages of each part of a scene."""
-    if not (options.file or "").endswith(".toml"):
-        raise StvkError(f"--footprint: got {options.file or 'no file'}; expected a scene file (.toml).")
-    rows = footprint(_scene(options).built)
-    if options.json:
-        print(json.dumps([row._asdict() for row in rows], indent=1))
-    else:
-        console(WIDTH).print(table(rows))
-    return DONE
 
 
 def _of_mesh(options: argparse.Namespace) -> Inspection:

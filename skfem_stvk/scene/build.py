@@ -165,10 +165,8 @@ class Built:
         return str(solver_for(system, requested, isinstance(analysis, ArcLengthAnalysis | ModesAnalysis)).name)
 
 
-def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None) -> None:
+def check(sections: SceneTables, source: SceneSource) -> None:
     """Refuse the faults that are visible without a mesh: unknown names, missing files, keys that exclude each other.
-
-    If a `mesh` is passed, its file need not exist.
 
     Raises
     ------
@@ -182,16 +180,13 @@ def check(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
             ("threads",),
             f"{sections.threads}; expected at most {most}, the number of threads of this process, which NUMBA_NUM_THREADS sets",
         )
-    _check_files(sections, source, complaints, mesh)
-    for complain in (_check_materials, _check_analysis, _check_friction, _check_reduced, _check_outputs):
+    for complain in (_check_files, _check_materials, _check_analysis, _check_friction, _check_reduced, _check_outputs):
         complain(sections, source, complaints)
     complaints.refuse()
 
 
-def _check_files(sections: SceneTables, source: SceneSource, complaints: Complaints, mesh: ElementMesh | None) -> None:
+def _check_files(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
     for loc, name in input_files(sections):
-        if mesh is not None and loc == ("mesh", "file"):
-            continue
         with complaints.at(*loc):
             path = checked_path("path", source.folder / name, "the path of a file")
             if not path.is_file():
@@ -350,10 +345,8 @@ def expectations(expect: Mapping[str, Any], above: tuple[str, ...] = ()) -> dict
     return found
 
 
-def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None = None, comm: Any = None) -> Built:
-    """Build the system and the first state of a checked scene, on the user-supplied `mesh`, or on the mesh that the scene names.
-
-    All ranks of the communicator `comm` build their parts together.
+def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built:
+    """Build the system and the first state of a checked scene. All ranks of the communicator `comm` build their parts together.
 
     Raises
     ------
@@ -363,9 +356,8 @@ def build(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None =
     """
     complaints = Complaints(source)
     with complaints.at("mesh"):
-        mesh = _whole_mesh(sections, source, mesh) if comm is None else _part(sections, source, mesh, comm)
+        mesh = _whole_mesh(sections, source) if comm is None else _part(sections, source, comm)
     complaints.refuse()
-    assert mesh is not None
     names = Names(sections, mesh, source.folder)
     for name in sections.places:
         with complaints.at("places", name):
@@ -431,26 +423,25 @@ def partition_of(sections: SceneTables, source: SceneSource) -> Path | None:
     return file if file.is_file() and is_partition(file) else None
 
 
-def _whole_mesh(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None) -> ElementMesh:
-    if mesh is None and (file := partition_of(sections, source)) is not None:
+def _whole_mesh(sections: SceneTables, source: SceneSource) -> ElementMesh:
+    if (file := partition_of(sections, source)) is not None:
         raise StvkError(f"{file.name} is a partition file, for several ranks: mpiexec -n 4 skfem-stvk solve {source.name}.")
     given = [getattr(term, "simplices", None) for term in sections.terms]
-    mesh = sections.mesh.mesh(source.folder, [name for name in given if isinstance(name, str)]) if mesh is None else mesh
+    mesh = sections.mesh.mesh(source.folder, [name for name in given if isinstance(name, str)])
     return mesh if sections.mesh.degree is None else mesh.with_degree(sections.mesh.degree)
 
 
-def _part(sections: SceneTables, source: SceneSource, mesh: ElementMesh | None, comm: Any) -> ElementMesh:
+def _part(sections: SceneTables, source: SceneSource, comm: Any) -> ElementMesh:
     """Return this rank's part of a partition file, or of the mesh that the first rank reads or makes."""
     from ..distributed import distribute  # imports MPI
     from ..distributed.job import on_first
 
-    file = partition_of(sections, source) if mesh is None else None
-    if file is not None:
+    if (file := partition_of(sections, source)) is not None:
         for name in {"scale", "dimension"} & sections.mesh.model_fields_set:
             raise StvkError(f"{name} with the partition file {file.name}; remove it: skfem-stvk partition has --{name}.")
         part = distribute(file, comm)
         return part if sections.mesh.degree is None else part.with_degree(sections.mesh.degree)
-    return distribute(on_first(comm, lambda: _whole_mesh(sections, source, mesh)), comm)
+    return distribute(on_first(comm, lambda: _whole_mesh(sections, source)), comm)
 
 
 def _check_energies(complaints: Complaints, sections: SceneTables, system: System) -> None:

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from functools import cached_property, reduce
 from operator import getitem
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from ..arguments import path as checked_path
-from ..errors import StvkError, warn
+from ..errors import StvkError
 from ..kernels.threads import threads
-from ..mesh import ElementMesh
 from ..notebook import html_table
 from ..results.files import replacing
 from ..results.one_writer import OneWriter
 from ..results.state_files import parts_of_state
-from ..results.vtu import write_mesh
 from ..system import System
 from .build import Built, build, check, partition_of
 from .complaints import Complaints
 from .folder import RESOLVED, Folder, PreviousRun, hash_of
-from .named import NamedSystem
 from .outcome import SceneOutcome
 from .report import write_report
 from .run import RTOL, solve
@@ -51,10 +48,6 @@ class Scene:
         Tables and keys of the scene, checked.
     source
         Text of the scene, and the lines of its keys.
-    mesh
-        Mesh of a scene that was made from a system; None for a mesh that the scene describes.
-    left_out
-        Parts of the system that a scene made by `of` cannot name, in words.
     comm
         MPI communicator of the ranks that solve the scene together; None for one machine.
 
@@ -64,8 +57,6 @@ class Scene:
         Tables and keys of the scene, checked.
     source
         Text of the scene, and the lines of its keys.
-    left_out
-        The parts of the system that a scene made by `of` cannot name, in words.
 
     Examples
     --------
@@ -85,15 +76,8 @@ class Scene:
     ('converged', 2000)
     """
 
-    def __init__(
-        self,
-        sections: SceneTables,
-        source: SceneSource,
-        mesh: ElementMesh | None = None,
-        left_out: tuple[str, ...] = (),
-        comm: Any = None,
-    ) -> None:
-        self.sections, self.source, self.left_out, self._mesh, self._comm = sections, source, left_out, mesh, comm
+    def __init__(self, sections: SceneTables, source: SceneSource, comm: Any = None) -> None:
+        self.sections, self.source, self._comm = sections, source, comm
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], set: Sequence[str] = (), comm: Any = None) -> Scene:
@@ -134,52 +118,7 @@ class Scene:
         return cls._checked(SceneSource.of(data))
 
     @classmethod
-    def of(cls, system: System, analysis: Mapping[str, Any] | BaseModel) -> Scene:
-        """Return the scene of a system, as far as it can be named; `write` also writes its mesh, into the same folder.
-
-        Places that are predicates or ids become sets of nodes in the mesh, and regions of ids become subdomains. Parts without a
-        name are left out, and reported in `left_out` and by a warning. These are functions of position, functions of time other
-        than `Ramp`, `Sine` and `Table`, values for each element or node, the user's own terms and materials, and single precision.
-
-        Parameters
-        ----------
-        system
-            A body with its loads and supports.
-        analysis
-            Table such as {"type": "static", "steps": 10}, or an analysis of `skfem_stvk.scene.schema.analyses`.
-
-        Raises
-        ------
-        StvkError
-            if no law of the system can be named.
-        SceneError
-            for an analysis that scenes do not have.
-
-        Warns
-        -----
-        StvkWarning
-            with all parts that are left out.
-
-        Examples
-        --------
-        >>> from skfem_stvk import Gravity, Ramp, StVK, System, Traction
-        >>> from skfem_stvk.mesh import box
-        >>> law = StVK(young=1e6, poisson=0.45, density=1e3)
-        >>> loads = [Gravity((0, 0, -9.81)), Traction(lambda x: x[0] == 4, Ramp((0, 0, -2e3), until=0.5))]
-        >>> body = System(box((4.0, 1.0, 1.0), (8, 2, 2)), [law, *loads], fixed={"left": "xyz"})
-        >>> scene = Scene.of(body, {"type": "static"})
-        >>> scene.data["terms"][2]["on"], scene.data["terms"][2]["time"], scene.left_out
-        ('nodes-1', {'type': 'ramp', 'until': 0.5, 'start': 0.0}, ())
-        """
-        named = NamedSystem.of(system, analysis)
-        if named.left_out:
-            warn(f"The scene leaves out parts that it cannot express: {'; '.join(named.left_out)}.")
-        return cls._checked(SceneSource.of(named.data), named.mesh, named.left_out)
-
-    @classmethod
-    def _checked(
-        cls, source: SceneSource, mesh: ElementMesh | None = None, left_out: tuple[str, ...] = (), comm: Any = None
-    ) -> Scene:
+    def _checked(cls, source: SceneSource, comm: Any = None) -> Scene:
         complaints = Complaints(source)
         schema = scene_tables()
         try:
@@ -188,8 +127,8 @@ class Scene:
             complaints.of_pydantic(error, schema)
             complaints.refuse()
             raise
-        check(sections, source, mesh)
-        return cls(sections, source, mesh, left_out, comm)
+        check(sections, source)
+        return cls(sections, source, comm)
 
     @cached_property
     def built(self) -> Built:
@@ -200,7 +139,7 @@ class Scene:
         SceneError
             with all faults that the mesh reveals.
         """
-        return build(self.sections, self.source, self._mesh, self._comm)
+        return build(self.sections, self.source, self._comm)
 
     def system(self) -> System:
         """Return the body with its loads and supports.
@@ -286,7 +225,7 @@ class Scene:
 
         if outcome.built.mesh.element_count > MOST_DRAWN or partition_of(self.sections, self.source) is not None:
             return None
-        return gathered_outcome(outcome, self._first(lambda: build(self.sections, self.source, self._mesh)))
+        return gathered_outcome(outcome, self._first(lambda: build(self.sections, self.source)))
 
     def resolved(self, folder: Path | None = None) -> dict[str, Any]:
         """Return the data of the scene with the choice of "auto".
@@ -315,8 +254,6 @@ class Scene:
     def write(self, path: str | os.PathLike[str]) -> Path:
         """Write the scene with every default filled in and "auto" resolved: a valid scene that gives the same results.
 
-        The mesh of a scene `of` a system is written next to it, as .vtu of the same name.
-
         Parameters
         ----------
         path
@@ -328,8 +265,6 @@ class Scene:
         return target
 
     def _write(self, target: Path, data: dict[str, Any]) -> None:
-        if self._mesh is not None:
-            data["mesh"]["file"] = write_mesh(target.with_suffix(".vtu"), self._mesh).name
         with replacing(target) as part:
             part.write_text(written(data), encoding="utf-8")
 

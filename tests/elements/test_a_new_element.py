@@ -42,6 +42,32 @@ def registered(monkeypatch):
     monkeypatch.setitem(KINDS, HEX27.name, KIND)
 
 
+#: A scene of `curved()` in a file.
+SCENE = """
+fixed = { left = "xyz" }
+analysis = { type = "static", steps = 1 }
+
+[mesh]
+file = "curved.vtu"
+
+[materials]
+rubber = { model = "isotropic", young = 5e6, poisson = 0.3, density = 1e3 }
+
+[[terms]]
+type = "stvk"
+material = "rubber"
+
+[[terms]]
+type = "gravity"
+g = [0.0, 0.0, -9.81]
+
+[[terms]]
+type = "traction"
+on = "right"
+traction = [0.0, 0.0, -2e4]
+"""
+
+
 def curved(cells=(2, 2, 1)):
     """Return curved hexahedra with unequal edges, of both orientations, with the boundaries of a box."""
     rng = np.random.default_rng(3)
@@ -194,8 +220,8 @@ def test_scenes_accept_the_element_from_a_file_and_from_a_key(tmp_path):
     mesh = curved()
     loads = [Gravity((0, 0, -9.81)), Traction("right", (0, 0, -2e4))]
     system = System(mesh, [RUBBER, *loads], fixed={"left": "xyz"})
-    scene = Scene.of(system, {"type": "static", "steps": 1})
-    scene.write(tmp_path / "scene.toml")
+    write_mesh(tmp_path / "curved.vtu", mesh)
+    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
     again = Scene.read(tmp_path / "scene.toml")
     assert again.system().mesh.element is HEX27
     assert np.array_equal(again.solve(quiet=True).result.u, solve_static(system, steps=1, quiet=True).u)

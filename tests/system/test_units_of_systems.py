@@ -148,7 +148,6 @@ def moved(system):
 def test_derived_systems_keep_their_units():
     body = beam()
     assert body.without([0]).units is UNITS["mm-N-MPa"] and body.made_of["units"] == "mm-N-MPa"
-    assert Scene.of(body, {"type": "static"}).data["units"] == "mm-N-MPa"
 
 
 def test_unknown_units_are_refused():
