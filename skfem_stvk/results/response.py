@@ -28,8 +28,7 @@ Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
 @dataclass(frozen=True)
 class ElasticPart:
     """Law of a term on its elements, with their sections (thickness, area or 1). `law` is set if it is not St. Venant-Kirchhoff's.
-    Flags say whether it is linear, `S = C : eps` of the small strain, whether it wrinkles, and whether its stress and energy
-    density are known.
+    Flags say whether it is linear, `S = C : eps` of the small strain, and whether its stress and energy density are known.
     """
 
     elements: NDArray[np.int64]
@@ -38,7 +37,6 @@ class ElasticPart:
     section: Array
     law: HasResponse | None
     linear: bool
-    wrinkling: bool
     known: bool
 
 
@@ -99,8 +97,8 @@ class ElasticBody:
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
         # StVK has a response with wrinkling
         law = term if isinstance(term, HasResponse) and term.response is not None else None
-        linear, wrinkling = bool(getattr(term, "small_strain", False)), bool(getattr(term, "wrinkling", False))
-        return ElasticPart(elements, term.material, hypothesis, section, law, linear, wrinkling, has_stress(term))
+        linear = bool(getattr(term, "small_strain", False))
+        return ElasticPart(elements, term.material, hypothesis, section, law, linear, has_stress(term))
 
     def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
         """Return a penalty on its elements; elements without another term are in plane strain."""
@@ -123,7 +121,8 @@ class ElasticBody:
     @cached_property
     def wrinkling(self) -> NDArray[np.int64]:
         """Ascending ids of the elements that may wrinkle: their volume does not depend on folds."""
-        return np.unique(np.concatenate([np.empty(0, np.int64), *(part.elements for part in self.parts if part.wrinkling)]))
+        may = [part.elements for part in self.parts if getattr(part.law, "wrinkling", False)]
+        return np.unique(np.concatenate([np.empty(0, np.int64), *may]))
 
     @cached_property
     def points(self) -> list[ElementPoint]:

@@ -739,10 +739,10 @@ class System(BoundTerms):
 
     @cached_property
     def reaction_shares(self) -> tuple[dict[str, list[tuple[Any, NDArray[np.int64]]]], Array]:
-        """Locations of supports and the degrees of freedom whose reactions are theirs, by the words of the location; and how many
-        of them (ndofs,) have each.
+        """Degrees of freedom whose reactions belong to a support, and how many supports (ndofs,) each belongs to.
 
-        The force of a foundation belongs to the supports at a node, and to the foundation where there are none.
+        They are listed with the location of the support, by its words. The force of a foundation belongs to the supports at a node,
+        and to the foundation where there are none.
         """
         d, counts = self.mesh.d, np.zeros(self.ndofs)
         found: dict[str, list[tuple[Any, NDArray[np.int64]]]] = defaultdict(list)

@@ -169,6 +169,20 @@ def test_the_form_of_stresses_starts_at_rest_and_is_stvk_above_its_threshold(nam
     assert np.abs(found[0] - found[1]).max() < 1e-12 and np.abs(found[1]).max() > 0.04
 
 
+@pytest.mark.parametrize("integrator", [Newmark(0.01), BackwardEuler(0.01)], ids=lambda one: one.name)
+@pytest.mark.parametrize("name", ["quadratic tetrahedra", "hexahedra"])
+def test_motions_with_the_form_of_stresses_start_at_rest(name, integrator):
+    """The law is St. Venant-Kirchhoff's here, and the support begins without a velocity."""
+    mesh = EVERY_MESH[name]
+    left, right = np.flatnonzero(mesh.p[0] < 0.2), np.flatnonzero(mesh.p[0] > mesh.p[0].max() - 0.2)
+    moved = {"fixed": [(left, "xyz")], "prescribed": [(right, {"x": lambda t: 0.5 * t**2})]}
+    found = [
+        simulate(System(mesh, law(young=3.0, poisson=0.3, density=1.0), **moved), integrator, until=0.1, quiet=True).u
+        for law in (partial(InvertibleStVK, extend="stress"), StVK)
+    ]
+    assert np.abs(found[0] - found[1]).max() < 1e-8 and np.abs(found[1]).max() > 4e-3
+
+
 @pytest.mark.parametrize("name", ["mirrored", "on a line", "at a point"])
 def test_frames_at_nodes_have_a_tangent_where_stretches_cancel(name):
     """Where stretches cancel, the rotation nearest to F is not unique, so its derivative is left out of the tangent.
