@@ -236,9 +236,9 @@ class Saved(NamedTuple):
         return self.arrays.get("removed", np.empty(0, dtype=np.int64)), self.arrays.get("removed at", np.empty(0))
 
     def _snapshot(self, moment: MomentRecord, prefix: str) -> Snapshot:
-        vectors = [self.arrays[prefix + name] for name in ARRAYS]
-        forces = self._numbered(prefix + FORCE)
-        state = MotionState(moment.t, *vectors, np.array(forces) if forces else np.zeros((0, len(vectors[0]))))
+        u, v, a, reaction = (self.arrays[prefix + name] for name in ARRAYS)
+        forces = np.array(self._numbered(prefix + FORCE)).reshape(-1, len(u))
+        state = MotionState(moment.t, u, v, a, reaction, forces)
         clock, reviews = Clock(**moment.clock.model_dump()), Reviews(**moment.looks.model_dump())
         return Snapshot(state, clock, reviews, moment.steps, moment.cuts, moment.rows, self.history(prefix))
 

@@ -94,9 +94,9 @@ def column_names(
 
     `A x`, `A y`, ...                    displacements of the probe `A` [m]
 
-    `reaction B x`, ...                  force of supports and foundations at `B` at this time, see `Run.reaction` [N]
+    `reaction B x`, ...                  force of supports and foundations at `B`, see `Run.reaction` [N]
 
-    `contact C x`, ...                   resultant of the contact `C` at this time, see `Run.contact` [N]
+    `contact C x`, ...                   resultant of the contact `C` in the last step, see `Run.contact` [N]
 
     `contact C gap`                      with a rigid shape: the smallest gap of all points [m], negative where one touches
     ===================================  ====================================================================================

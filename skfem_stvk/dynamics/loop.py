@@ -38,9 +38,7 @@ class Loop:
         self._steps = Steps(motion, setup.integrator, record, self._arrived, HALVINGS)
         self._steps.refuse_far(setup.until)
         self._stepper, self._limit = self._steps.stepper, self._steps.limit
-        self._ledger_writer = LedgerWriter(
-            motion, setup.locations, record.ledger, record.clock.dt, setup.integrator.mean
-        )
+        self._ledger_writer = LedgerWriter(motion, setup.locations, record.ledger, record.clock.dt, setup.integrator.mean)
         self._begin()
         if record.origin is not None:
             self._stepper.rebuild(record.origin)

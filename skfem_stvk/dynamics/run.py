@@ -130,7 +130,8 @@ class Run:
 
         The force of supports is `M a + D v + F(u) - h(u, t)`. It carries the loads, and the inertia and damping of constrained
         degrees of freedom that move. The force of foundations is `-K_f (u + beta v)`, with the factor beta of `Rayleigh` damping.
-        Together with the loads, these forces are the rate of the body's linear momentum.
+        Together with the loads, these forces are the rate of the body's linear momentum. For a `System` with
+        `EnergyMomentum`, or whose supports move, they are those in the equation of the last step, with the inertia `M (v1 - v)/T`.
 
         Parameters
         ----------
@@ -150,6 +151,8 @@ class Run:
 
     def contact(self, name: str) -> ContactState:
         """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.
+
+        Forces are those that acted in the last step: the mean over it with `EnergyMomentum`, `F + K w` in equation 9.
 
         Parameters
         ----------

@@ -193,7 +193,8 @@ class Simulation:
 
     def _written(self, ledger: Ledger) -> LedgerWriter:
         """Return the writer of a ledger, in which the present state has a row."""
-        writer, state = LedgerWriter(self._motion, LedgerLocations(), ledger, self.dt), self._record.state
+        writer = LedgerWriter(self._motion, LedgerLocations(), ledger, self.dt, self._integrator.mean)
+        state = self._record.state
         writer.begin(state)
         if not ledger.steps:
             writer.append_row(state, self._steps.stepper.strain_energy(state))
@@ -364,7 +365,8 @@ class Simulation:
     def reaction(self, name: str) -> Array:
         """Return the mean force (d,) [N] of the supports at a named location on the body during the last step.
 
-        It is from the equation of the step, with inertia and damping. Its work over the step and the energies balance. For a
+        It is from the equation of the step, with damping and the inertia `M (v1 - v)/T`. The work of the support over the step is
+        `(v + v1)/2 . M (v1 - v)` plus the displacements times the rest of the reaction; with it the energies balance. For a
         `ReducedSystem`, it costs nothing at a moved location, and one evaluation on the mesh elsewhere, for the end of the step.
 
         Parameters
@@ -411,7 +413,7 @@ class Simulation:
         return self._motion.ground_forces(self._record.state, (self.t - self.dt, self.t), self.dt, False)
 
     def contact(self, name: str) -> ContactState:
-        """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.
+        """Return the forces of a contact in the last step, as `Run.contact`.
 
         Parameters
         ----------

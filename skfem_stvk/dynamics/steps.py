@@ -101,7 +101,7 @@ class Steps:
                 self._record.history = history
                 self._motion.body.return_to(history)
                 raise
-            state.reaction, state.forces = (impulse / (t - before.t) for impulse in impulses)
+            state.reaction, state.forces = impulses[0] / (t - before.t), impulses[1] / (t - before.t)
             self._consecutive += 1
             if self._consecutive == MANY:
                 text = f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent."

@@ -28,7 +28,7 @@ class ContactState:
     name
         Name of the contact.
     force
-        (nv, d) force on each node of the body [N], with friction.
+        (nv, d) force on each node of the body [N], with friction; in motions that of the last step.
     pressure
         (nv,) normal force on each node over its area at rest [Pa]; 0 where nothing touches.
     gap
@@ -111,7 +111,9 @@ def _state_of(term: HasContact, system: System, u: Array, force: Array | None) -
         term.energy_and_force(x, internal)
         force = -internal
     pressure, gap, area = term.evaluated(x)
-    return ContactState(term.name, force.reshape(x.shape).copy(), pressure, gap, area, term.nodes, rest + x, term.shape, system.units)
+    return ContactState(
+        term.name, force.reshape(x.shape).copy(), pressure, gap, area, term.nodes, rest + x, term.shape, system.units
+    )
 
 
 def combined(contacts: Sequence[ContactState]) -> dict[str, Array]:

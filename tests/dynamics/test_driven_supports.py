@@ -1,7 +1,5 @@
 """Supports that move on a path with kinks: velocities, impulses, energies and reactions of all integrators."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import skfem
@@ -108,7 +106,9 @@ def test_reactions_and_loads_are_the_rate_of_momentum_in_each_step(integrator, m
     used = dict.fromkeys((ForwardEuler, BackwardEuler, LinearBackwardEuler), loads[1:])
     rate, forces = np.diff(columns(run, "linear_momentum_"), axis=0) / T, columns(run, "reaction clamp ")[1:]
     forces = forces + used.get(type(integrator), (loads[:-1] + loads[1:]) / 2)
-    close = {LinearBackwardEuler: 5e-2, GeneralizedAlpha: 0.1}.get(type(integrator), 1e-10)  # their equation is not that of the ends
+    close = {LinearBackwardEuler: 5e-2, GeneralizedAlpha: 0.1}.get(
+        type(integrator), 1e-10
+    )  # their equation is not that of the ends
     if damping and isinstance(integrator, VelocityVerlet):
         close = 1e-3  # damping at a predicted velocity
     if isinstance(integrator, Newmark) and integrator.gamma != 0.5:
@@ -148,21 +148,27 @@ def test_the_work_of_supports_balances_the_energies(law, d, mass, damping):
     assert np.abs(ledger["closure_error"]).max() < 1e-12 * size and ledger["external_work"].max() > 0.5 * size
 
 
-@pytest.mark.parametrize("integrator", [BackwardEuler(1e-3, rtol=1e-12), LinearBackwardEuler(1e-3, rtol=1e-12)], ids=["BE", "eq. 9"])
+@pytest.mark.parametrize(
+    "integrator", [BackwardEuler(1e-3, rtol=1e-12), LinearBackwardEuler(1e-3, rtol=1e-12)], ids=["BE", "eq. 9"]
+)
 def test_the_work_of_a_push_is_the_kinetic_energy_of_the_support(integrator):
     """A support of a rigid body that starts at once has done the work `M v^2/2`, not `M v^2`."""
     mesh = MESHES[2]
     every = {"x": Table(0.3, [0, 0.1, 0.2], [0, 0, 1]), "y": 0.0}
     one = [int(np.argmax(mesh.p.sum(axis=0)))]
     others = [number for number in range(mesh.nv) if number not in one]
-    run = simulate(System(mesh, material(mesh), prescribed=[(others, every), (one, {"x": every["x"]})]), integrator, until=0.11, quiet=True)
+    run = simulate(
+        System(mesh, material(mesh), prescribed=[(others, every), (one, {"x": every["x"]})]), integrator, until=0.11, quiet=True
+    )
     assert run.ledger["external_work"][-1] == pytest.approx(run.system.mass().total * 3.0**2 / 2, rel=2e-2)
 
 
 MOVED = [(*method, False) for method in METHODS] + [(one, mass, True) for one, mass in METHODS[2:] if mass == "lumped"]
 
 
-@pytest.mark.parametrize(("integrator", "mass", "reduced"), MOVED, ids=[f"{one} {mass}{' reduced' * on}" for one, mass, on in MOVED])
+@pytest.mark.parametrize(
+    ("integrator", "mass", "reduced"), MOVED, ids=[f"{one} {mass}{' reduced' * on}" for one, mass, on in MOVED]
+)
 def test_an_input_that_moves_evenly_has_its_speed_at_once(integrator, mass, reduced):
     mesh = MESHES[3]
     body = System(mesh, [material(mesh), Gravity((0.3, -1.0, 0.5))], fixed={"left": "xyz"}, prescribed={"right": "xyz"})
@@ -222,5 +228,7 @@ def test_a_step_that_is_cut_has_the_velocity_within_its_parts(monkeypatch):
     loads = np.reshape(loads, (21, -1, 2)).sum(axis=1)
     loads = ((loads[1:] + loads[:-1]) / 2).reshape(10, 2, 2).mean(axis=1)
     forces = columns(run, "reaction clamp ")[1:] + loads
-    np.testing.assert_allclose(forces, np.diff(columns(run, "linear_momentum_"), axis=0) / DT, rtol=0, atol=1e-10 * np.abs(forces).max())
+    np.testing.assert_allclose(
+        forces, np.diff(columns(run, "linear_momentum_"), axis=0) / DT, rtol=0, atol=1e-10 * np.abs(forces).max()
+    )
     assert np.abs(run.ledger["closure_error"]).max() < 1e-12 * run.ledger["kinetic_energy"].max()

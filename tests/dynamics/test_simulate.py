@@ -247,10 +247,10 @@ def test_a_failed_step_is_made_in_halves():
             scene.run(make, 0.1) for make in (EnergyMomentum(0.005, rtol=1e-13), LimitedSteps(0.02, limit=0.006, rtol=1e-13))
         )
         assert cut.cuts == 5 and "in 5 steps, 5 of them cut into smaller ones" in cut.message and not fine.cuts
-        assert np.abs(cut.v - fine.v).max() < 1e-8 * np.abs(fine.v).max()  # first velocities of supports: differences over 1e-3 dt
+        assert np.abs(cut.v - fine.v).max() < 1e-6 * np.abs(fine.v).max()  # first velocities of supports: differences over 1e-2 dt
         for name in fine.ledger:
             scale = max(np.abs(fine.ledger[name]).max(), fine.ledger["kinetic_energy"].max())
-            np.testing.assert_allclose(cut.ledger[name], fine.ledger[name][::4], rtol=0, atol=1e-8 * scale)
+            np.testing.assert_allclose(cut.ledger[name], fine.ledger[name][::4], rtol=0, atol=1e-6 * scale)
 
 
 def test_consecutive_cut_steps_are_reported():

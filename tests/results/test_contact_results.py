@@ -528,14 +528,20 @@ def test_values_at_nodes_are_no_request():
 # forces in motions are those of the steps
 
 MESHES = {"tetrahedra": box((0.1, 0.12, 0.1), (2, 2, 2)), "hexahedra": box((0.1, 0.12, 0.1), (2, 2, 2), "hexahedra")}
-EVERY = [ForwardEuler(), VelocityVerlet(), *(make(1e-3, rtol=1e-13) for make in (BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum))]
+EVERY = [
+    ForwardEuler(),
+    VelocityVerlet(),
+    *(make(1e-3, rtol=1e-13) for make in (BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)),
+]
 TANGENTS = [LinearBackwardEuler(1e-3, tangent=one, rtol=1e-13) for one in ("exact", "clamped", "gauss-newton", "warped")]
 
 
 def thrown(mesh, *terms, integrator, until=0.08, friction=None, **options):
     """Return the motion of a heterogeneous block that meets a slanted plane on a few nodes, and leaves it again."""
     law = NeoHookean(young=3e4 * (1 + np.arange(mesh.nt) % 3), poisson=0.3, density=1000.0 + 100.0 * (np.arange(mesh.nt) % 2))
-    plane = RigidContact(RigidPlane((0, 0, -2e-3), (0.1, 0.05, 1)), lambda x: x[2] == 0, name="floor", friction=friction, stiffness=3e7)
+    plane = RigidContact(
+        RigidPlane((0, 0, -2e-3), (0.1, 0.05, 1)), lambda x: x[2] == 0, name="floor", friction=friction, stiffness=3e7
+    )
     system = System(mesh, [law, plane, *terms])
     return simulate(system, integrator, until=until, v0=np.tile([0.1, 0.05, -1.0], mesh.nv), quiet=True, **options)
 
@@ -583,7 +589,9 @@ def test_forces_of_contact_friction_and_foundations_are_the_rate_of_momentum(int
     friction = Friction(0.3, slip_speed=0.3) if rub else None
     run = thrown(MESHES["tetrahedra"], bed, integrator=integrator, friction=friction, until=0.02, **options)
     rate = np.diff(momenta(run), axis=0) / np.diff(run.ledger["time"])[:, None]
-    forces = sum(np.stack([run.ledger[f"{name} {axis}"] for axis in "xyz"], axis=1)[1:] for name in ("contact floor", "reaction bed"))
+    forces = sum(
+        np.stack([run.ledger[f"{name} {axis}"] for axis in "xyz"], axis=1)[1:] for name in ("contact floor", "reaction bed")
+    )
     np.testing.assert_allclose(forces, rate, rtol=0, atol=1e-8 * np.abs(rate).max())
 
 
@@ -598,11 +606,15 @@ def test_the_impulse_between_meshes_is_the_change_of_momentum():
     np.testing.assert_allclose(impulse(run), change, rtol=0, atol=1e-8 * change[2])
 
 
-@pytest.mark.parametrize("integrator", [EnergyMomentum(1e-3), LinearBackwardEuler(1e-3), VelocityVerlet(1e-4)], ids=["EM", "eq. 9", "Verlet"])
+@pytest.mark.parametrize(
+    "integrator", [EnergyMomentum(1e-3), LinearBackwardEuler(1e-3), VelocityVerlet(1e-4)], ids=["EM", "eq. 9", "Verlet"]
+)
 def test_a_resumed_run_has_the_forces_of_its_last_step(integrator, tmp_path):
     options = {"integrator": integrator, "until": 0.01}
     friction = Friction(0.3, slip_speed=0.3)
-    run = thrown(MESHES["tetrahedra"], friction=friction, checkpoint=tmp_path / "folder", save=tmp_path / "run.pvd", every=1, **options)
+    run = thrown(
+        MESHES["tetrahedra"], friction=friction, checkpoint=tmp_path / "folder", save=tmp_path / "run.pvd", every=1, **options
+    )
     again = thrown(MESHES["tetrahedra"], friction=friction, checkpoint=tmp_path / "folder", resume=True, **options)
     own = run.contact("floor")
     np.testing.assert_array_equal(again.contact("floor").force, own.force)

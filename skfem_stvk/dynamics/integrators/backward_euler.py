@@ -229,7 +229,9 @@ class LinearStepper(ImplicitStepper):
         """Store `F + K w` of each contact, with the K of the step."""
         super().store_forces(before, state)
         system, w = self.motion.system, state.u - before.u
-        contacts = ((term, pairs) for term, pairs in zip(system.bound_terms, system.pair_terms, strict=True) if term in system.contacts)
+        contacts = (
+            (term, pairs) for term, pairs in zip(system.bound_terms, system.pair_terms, strict=True) if term in system.contacts
+        )
         for (contact, pairs), force in zip(contacts, state.forces, strict=False):
             force[:] = 0
             contact.energy_and_force(by_vertex(system.mesh, before.u), force.reshape(-1, system.mesh.d))
