@@ -455,7 +455,7 @@ class RigidContactWithHistory(BoundRigidContact):
 
     def missing_friction(self, u: Array) -> tuple[Array, float]:
         """Return the friction (n, 3) that points lack which slip by more than the width, and the largest of all points [N]."""
-        if not self._slips or self.contact.friction is None:
+        if self.contact.friction is None or not self._past[..., 4:].any():  # before the first state there is no slip
             return np.zeros((0, 3)), 0.0
         past, now, e = self._past, np.empty_like(self._past), self.contact.onset
         kernels.remember(self._surface, self._weights, self._shape, self._shift, e, u, self.contact.friction.coefficient, now)

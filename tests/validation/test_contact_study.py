@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from skfem_stvk import Friction
+from skfem_stvk import Friction, StvkWarning
 from skfem_stvk.terms.mesh_contact import BoundMeshContact
 from skfem_stvk.terms.rigid_contact import BoundRigidContact
 from validation import contact
@@ -131,7 +131,8 @@ def test_friction_and_a_ring_of_few_edges_are_detected_while_ironing(monkeypatch
     assert any("normal force" in failure for failure in between.ironing(True).failures)
     monkeypatch.undo()
     with_options(monkeypatch, between, "MeshContact", friction=Friction(0.1, slip_length=1e-4))
-    assert any("tangential force" in failure for failure in between.ironing(True).failures)
+    with pytest.warns(StvkWarning, match="Press first"):  # the ring touches at few points first, which slip in one direction
+        assert any("tangential force" in failure for failure in between.ironing(True).failures)
 
 
 def with_options(monkeypatch, module, name, **options):
