@@ -20,7 +20,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .errors import MaterialError, StateError, StvkError, name_ids, name_known
+from .errors import MaterialError, MeshError, StateError, StvkError, name_ids, name_known
 
 #: Array of numbers, mostly in double precision: docstrings give the shape.
 Array = NDArray[Any]
@@ -29,6 +29,8 @@ Array = NDArray[Any]
 LONGEST_PATH, LONGEST_NAME = 4096, 255
 #: Largest integer of 64 bits.
 LARGEST_INT64 = int(np.iinfo(np.int64).max)
+#: Largest index of 32 bits.
+LARGEST_INDEX = np.iinfo(np.int32).max
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 80
 
@@ -378,3 +380,16 @@ def _real(given: Any) -> float | None:
         return float(given)
     except (OverflowError, ValueError):  # 10**400
         return None
+
+
+def check_index_range(count: int, what: str) -> None:
+    """Refuse a count beyond 32-bit indices, before any array of that size is made.
+
+    >>> check_index_range(3 * 10**9, "non-zeros of K")
+    Traceback (most recent call last):
+    skfem_stvk.errors.MeshError: 3000000000 non-zeros of K are more than 32-bit indices can count (2147483647). ...
+    """
+    if count > LARGEST_INDEX:
+        raise MeshError(
+            f"{count} {what} are more than 32-bit indices can count ({LARGEST_INDEX}). Split the body, or coarsen the mesh."
+        )

@@ -43,7 +43,7 @@ class PartSpace(Space):
 
     def __init__(self, exchange, part, n, d, numbers, elements, owned):
         super().__init__(len(numbers))
-        self.reductions = 0
+        self.reductions = self.ids_sent = 0
         self._of_all = lambda value: exchange.values(part, value)
         self._whole, self.numbers, self._elements = n, numbers, elements
         self._owned, self.rank, self.size = owned, part, exchange.barrier.parties
@@ -87,8 +87,10 @@ class PartSpace(Space):
     def each(self, x):
         return self._of_all(x)
 
-    def element_ids(self, ids):
-        return np.unique(np.concatenate(self._of_all(self._elements[ids])))
+    def element_ids(self, ids, most=None):
+        sent = np.sort(self._elements[ids])[:most]
+        self.ids_sent += len(sent)
+        return np.unique(np.concatenate(self._of_all(sent)))[:most]
 
     @property
     def shared(self):

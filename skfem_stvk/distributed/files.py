@@ -20,6 +20,7 @@ from ..elements import named
 from ..errors import MeshError, StvkError
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
+from ..mesh.read import PARTITIONS
 from ..results.files import output_path, replacing
 from ..results.store import Record, digest_of
 from .partition import INSTALL, Ids, PartContent, divide, join
@@ -33,7 +34,6 @@ IMPORTS, CORNER, OTHER_CORNER, FURTHER = 2e8, 110, 155, 30
 #: Fields of a part with arrays by name, and its other arrays.
 NAMED = ("subdomains", "boundaries", "node_sets", "lines", "boundary_numbers", "line_numbers")
 ARRAYS = ("p", "t", "node_numbers", "element_numbers", "surface", "shared", "vertices")
-SUFFIXES = ".h5", ".hdf5"
 
 
 class PartitionHeader(Record):
@@ -89,7 +89,7 @@ def write_partition(mesh: MeshLike, path: str | os.PathLike[str], parts: int = P
     StvkWarning
         for vertices at the same point, and for parts of the body that are not connected.
     """
-    file = output_path(path, *SUFFIXES)
+    file = output_path(path, *PARTITIONS)
     h5py, body = _h5py(), ElementMesh.of(mesh)
     whole("parts", parts, f"a number of parts from 1 to the {body.nt} elements", 1, body.nt, MeshError)
     check_mesh(body, lines_and_facets(body))
@@ -152,15 +152,6 @@ def read_part(path: str | os.PathLike[str], rank: int, ranks: int) -> PartConten
         rank_of = np.arange(parts) * ranks // parts
         own = np.flatnonzero(rank_of == rank)
         return join([_read(source[f"parts/{number}"], header) for number in own], own.tolist(), rank_of)
-
-
-def is_partition(path: str | os.PathLike[str]) -> bool:
-    """Return whether a path is that of a partition file by its suffix, and not of a mesh.
-
-    >>> is_partition("bracket.h5"), is_partition("bracket.msh")
-    (True, False)
-    """
-    return Path(path).suffix.lower() in SUFFIXES
 
 
 def _write(group: Any, part: PartContent) -> None:

@@ -20,7 +20,8 @@ from ..mesh import ElementMesh, MeshLike, read_mesh
 from ..mesh.diagnostics import check_mesh
 from ..mesh.facets import edges_of
 from ..mesh.locations import Box
-from .files import is_partition, lines_and_facets, read_part
+from ..mesh.read import is_partition
+from .files import lines_and_facets, read_part
 from .job import on_each, on_first, refuse_unguarded, world
 from .mpi import MPI
 from .partition import Ids, PartContent, divide

@@ -147,8 +147,8 @@ class Ranks(Space):
                 errors.issue(text)
         return bool(stops)
 
-    def element_ids(self, ids: Ids) -> Ids:
-        return np.unique(np.concatenate(self.each(self.element_numbers[ids])))
+    def element_ids(self, ids: Ids, most: int | None = None) -> Ids:
+        return np.unique(np.concatenate(self.each(np.sort(self.element_numbers[ids])[:most])))[:most]
 
     def collect(self, x: Any) -> list[Any]:
         return self.comm.gather(x) or []

@@ -110,7 +110,7 @@ class StepProblem(Equation):
             return np.take(linear, fixed, out=out, mode="clip")
 
     def residual(self, w: Array, t: Time) -> Residual:
-        if self._last is not None and np.array_equal(self._last[0], w):  # the line search ended there
+        if self._last is not None and not self.space.any(not np.array_equal(self._last[0], w)):  # the line search ended there
             return self._last[1]
         with self._watch("assemble"):
             loads = self.motion.loads(self._u0 + w, Moment.of(t).time)

@@ -13,7 +13,8 @@ from ..elements import Element
 from ..elements.element import LOCAL_EDGES
 from ..kernels.lanes import LANES, TRANSPOSED
 from ..kernels.threads import parts_of
-from ..kernels.topology import OWN, edges_of_simplices, lexicographic_order, numbers_by_first_use, stars
+from ..kernels.topology import OWN, lexicographic_order, numbers_by_first_use, stars
+from ..mesh.facets import pairs_in
 
 Ids = NDArray[np.int32]
 
@@ -30,14 +31,12 @@ def edge_topology(t: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.i
            [2, 4],
            [1, 3]], dtype=int32))
     """
-    t = np.ascontiguousarray(t, dtype=np.int32)
-    edges, t2e = edges_of_simplices(t, np.array(LOCAL_EDGES[t.shape[0] - 1]), int(t.max(initial=-1)) + 1)
-    return edges, t2e
+    return pairs_in(t, LOCAL_EDGES[t.shape[0] - 1], int(t.max(initial=-1)) + 1)
 
 
 def pairs_of(t: NDArray[np.int32], element: Element) -> NDArray[np.int32]:
     """Return the pairs of nodes `a < b` (2, n) that share an element, in lexicographic order: for linear simplices their edges."""
-    return edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), np.array(element.pairs), int(t.max(initial=-1)) + 1)[0]
+    return pairs_in(t, element.pairs, int(t.max(initial=-1)) + 1)[0]
 
 
 #: Front size in bytes of blocks above which another node order is tried; smaller fronts fit into a core's cache with all else.
@@ -148,7 +147,7 @@ class KernelEdges(NamedTuple):
 def kernel_edges(t: Ids, element: Element) -> KernelEdges:
     """Return the pairs of nodes of elements `t` (n, nt) in the kernels' order."""
     local = np.array(element.pairs)
-    edges, t2e = edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), local, int(t.max(initial=-1)) + 1)
+    edges, t2e = pairs_in(t, local, int(t.max(initial=-1)) + 1)
     transposed = np.where(t[local[:, 0]] > t[local[:, 1]], TRANSPOSED, np.uint32(0)) if not element.is_linear_simplex else None
     blocks = in_lanes(t2e)
     number, marks = numbers_by_first_use(blocks, edges.shape[1])

@@ -162,8 +162,11 @@ class Space:
         """Return whether `stop` is true in any part. The warnings of all parts since the last call are issued once."""
         return stop
 
-    def element_ids(self, ids: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the ids in the whole mesh of elements with these `ids` in the parts, of all parts, ascending."""
+    def element_ids(self, ids: NDArray[np.int64], most: int | None = None) -> NDArray[np.int64]:
+        """Return the ids in the whole mesh of elements with these `ids` in the parts, of all parts, ascending.
+
+        If the body is divided, at most the first `most` of them.
+        """
         return ids
 
     @property

@@ -7,11 +7,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from ..arguments import frozen
+from ..arguments import check_index_range, frozen
 from ..elements import Element, linear_simplex, named
 from ..kernels.topology import edges_of_simplices, lexicographic_order
 from .points import normals_of, orientations
@@ -108,6 +108,7 @@ def facets_of(t: Ids, nv: int, element: Element | None = None) -> tuple[Ids, Ids
            [0, 1]], dtype=int32))
     """
     element, t = element or linear_simplex(len(t) - 1), t.astype(np.int32, copy=False)
+    check_index_range(len(element.facets) * t.shape[1], "facets of elements")
     if element.is_simplex:
         t, corner = _ascending(t, element)
     every, ordered = _listed(t, element)
@@ -144,6 +145,7 @@ def boundary_facets(mesh: MeshArrays) -> Ids:
 def outer_facets(mesh: MeshArrays) -> tuple[Ids, NDArray[np.integer]]:
     """Return the boundary facets (m, n) as `boundary_facets` does, and the element (n,) of each."""
     element, t = mesh.element, mesh.t
+    check_index_range(len(element.facets) * t.shape[1], "facets of elements")
     if element.is_simplex:
         t, _ = _ascending(t, element)
     every, ordered = _listed(t, element)
@@ -175,7 +177,22 @@ def edges_of(corners: Ids, element: Element, nv: int) -> tuple[Ids, Ids]:
     """
     if element.k == 1:
         return corners, np.arange(corners.shape[1], dtype=np.int32)[None]
-    return edges_of_simplices(corners, np.array(element.edges), nv)
+    return pairs_in(corners, element.edges, nv)
+
+
+def pairs_in(t: Ids, local: ArrayLike, nv: int) -> tuple[Ids, Ids]:
+    """Return the pairs of nodes `a < b` (2, n), in lexicographic order, and the pairs (m, nt) of each element.
+
+    `t` (n, nt) are the nodes of the elements, `local` (m, 2) the pairs in an element.
+
+    Raises
+    ------
+    MeshError
+        if 32-bit indices cannot count the pairs of all elements.
+    """
+    pairs = np.asarray(local)
+    check_index_range(len(pairs) * t.shape[1], "pairs of nodes of elements")
+    return edges_of_simplices(np.ascontiguousarray(t, dtype=np.int32), pairs, nv)
 
 
 def further_nodes(corners: Ids, element: Element, nv: int) -> tuple[list[Ids], Ids]:

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arguments import Array, array, choice, number, real_array, shown, whole
+from ..arguments import Array, array, check_index_range, choice, number, real_array, shown, whole
 from ..elements import Element, named
 from ..errors import MeshError
-from .mesh import ElementMesh, check_index_range
+from .mesh import ElementMesh
 from .points import orientations
 
 #: Kinds of elements of a box by its dimension, the default first.

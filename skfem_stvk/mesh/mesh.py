@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import reverse_cuthill_mckee
 from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
-from ..arguments import frozen, number, real_array, shown, whole, whole_array
+from ..arguments import check_index_range, frozen, number, real_array, shown, whole, whole_array
 from ..elements import ELEMENTS, Element, linear_simplex, named
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
 from ..linear.space import Space
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 MeshLike: TypeAlias = Any
 
 EXAMPLE_ELEMENT = "ELEMENTS['hexahedra']"
-LARGEST_INDEX = np.iinfo(np.int32).max
 
 
 @dataclass(frozen=True, eq=False)
@@ -557,16 +556,3 @@ def vertex_ids(value: Any) -> NDArray[Any]:
         return np.asarray(value)
     except Exception as error:  # ragged lists, masked entries, and objects whose own conversion fails
         raise MeshError(f"t = {shown(value)}; expected (k + 1, nt) whole numbers, the vertices of the elements from 0.") from error
-
-
-def check_index_range(count: int, what: str) -> None:
-    """Refuse a count beyond 32-bit indices, before any array of that size is made.
-
-    >>> check_index_range(3 * 10**9, "non-zeros of K")
-    Traceback (most recent call last):
-    skfem_stvk.errors.MeshError: 3000000000 non-zeros of K are more than 32-bit indices can count (2147483647). ...
-    """
-    if count > LARGEST_INDEX:
-        raise MeshError(
-            f"{count} {what} are more than 32-bit indices can count ({LARGEST_INDEX}). Split the body, or coarsen the mesh."
-        )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -9,6 +10,18 @@ from pathlib import Path
 from ..arguments import path as checked_path
 from ..errors import MeshError
 from .mesh import ElementMesh, checked_degree
+
+#: Suffixes of partition files, of which each rank reads its part; see `skfem_stvk.distributed`.
+PARTITIONS = ".h5", ".hdf5"
+
+
+def is_partition(path: str | os.PathLike[str]) -> bool:
+    """Return whether a path is that of a partition file by its suffix, and not of a mesh.
+
+    >>> is_partition("bracket.h5"), is_partition("bracket.msh")
+    (True, False)
+    """
+    return Path(path).suffix.lower() in PARTITIONS
 
 
 def read_mesh(

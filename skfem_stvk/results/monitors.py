@@ -13,12 +13,15 @@ from ..errors import name_ids
 from ..materials import FramedMaterial, Isotropic, Material
 from ..mesh import ElementMesh
 from ..system import System
+from ..system.bound import FLAT
 from ..terms import HasStress
 from .ellipticity import refuse_other_laws, without_ellipticity
 from .fields import Fields
 
 #: Poisson's ratio above which linear elements lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
 LOCKING, SOFTENING = 0.45, 3**-0.5
+#: Number of ids that parts of a divided body exchange for a finding.
+FEW = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +34,8 @@ class Finding:
         Name of the finding, "locking", "inside out", "compressed", "not elliptic", "deep contact", "wrong side", "thin shape",
         "short contact" or "lagging friction".
     elements
-        (n,) ids of the elements in the whole mesh, ascending; none for a contact.
+        (n,) ids of the elements in the whole mesh, ascending; none for a contact. If the body is divided, the first `FEW` of them:
+        the text has their number.
     extreme
         Most extreme value: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the smallest eigenvalue
         of the acoustic tensor [Pa], the largest depth over the mean edge of the facets, the same of nodes, the thickness over the
@@ -90,8 +94,7 @@ class Monitors:
             if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
                 elements = self._system.mesh.elements(term.region)
                 ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))
-        space = self._system.space
-        largest = space.most(float(ratio.max(initial=-1.0)))
+        largest = self._system.space.most(float(ratio.max(initial=-1.0)))
         if largest <= LOCKING:
             return ()
         remedy = 'one point to an element (quadrature="one-point")' if element.shape.one_point else "quadratic elements (degree=2)"
@@ -100,7 +103,7 @@ class Monitors:
             f"stiff, and pressures oscillate between elements. Use {remedy}, or a smaller Poisson's ratio; otherwise compare "
             "with a finer mesh."
         )
-        return (self._finding("locking", space.element_ids(np.flatnonzero(ratio > LOCKING)), largest, what),)
+        return tuple(self._finding("locking", np.flatnonzero(ratio > LOCKING), largest, what))
 
     def at(self, u: Array) -> tuple[Finding, ...]:
         """Return the findings at displacements `u` (ndofs,), a state that the system accepts."""
@@ -108,26 +111,25 @@ class Monitors:
 
     def _findings_at(self, u: Array) -> Iterator[Finding]:
         system = self._system
-        if len(inverted := system.inside_out(u)):
-            J = system.smallest_volume_ratio(u)
-            yield self._finding("inside out", inverted, J, f"inverted or flat (J down to {J:.3g}). {self._inversion_remedy()}")
+        if system.mesh.k == system.mesh.d and (J := system.smallest_volume_ratio(u)) <= FLAT:
+            what = f"inverted or flat (J down to {J:.3g}). {self._inversion_remedy()}"
+            yield from self._finding("inside out", system.inverted_here(u), J, what)
         if (stretch := system.smallest_stretch(u)) < SOFTENING:
             what = (
                 f"compressed to a principal stretch below 1/sqrt(3) = 0.577 (down to {stretch:.3g}), where a St. Venant-Kirchhoff "
                 f"body softens. {self._compression_remedy()}"
             )
-            yield self._finding("compressed", system.compressed(u, SOFTENING), stretch, what)
+            yield from self._finding("compressed", system.compressed_here(u, SOFTENING), stretch, what)
         if self._fields is not None:
             here, values = without_ellipticity(self._fields.at(u).responses)
-            ids, lowest = system.space.element_ids(here), system.space.least(float(values.min(initial=np.inf)))
-            if len(ids):
-                what = (
-                    f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest:.3g} "
-                    f"{system.units.of('Pa')}): the "
-                    "material may localise in bands as narrow as an element, so that further results depend on the mesh. Compare "
-                    "with a finer mesh. This package has no material for such compression."
-                )
-                yield self._finding("not elliptic", ids, lowest, what)
+            lowest = system.space.least(float(values.min(initial=np.inf)))
+            what = (
+                f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest:.3g} "
+                f"{system.units.of('Pa')}): the "
+                "material may localise in bands as narrow as an element, so that further results depend on the mesh. Compare "
+                "with a finer mesh. This package has no material for such compression."
+            )
+            yield from self._finding("not elliptic", here, lowest, what)
 
     def _inversion_remedy(self) -> str:
         remedy = "" if self._system.resists_inversion else ", or add a VolumePenalty, which resists inversion"
@@ -141,9 +143,13 @@ class Monitors:
         local = "At a corner, or under a load on few vertices, refine the mesh or distribute the load"
         return f"Beyond this, more compression needs less force. {local}; elsewhere add a VolumePenalty, or reduce the load."
 
-    def _finding(self, name: str, ids: NDArray[np.int64], extreme: float, what: str) -> Finding:
-        where = point_of(self._system.mesh, ids[0])
-        return Finding(name, ids, extreme, f"{name_ids(ids, 'element')}, the first at {where} at rest: {what}")
+    def _finding(self, name: str, here: NDArray[np.int64], extreme: float, what: str) -> Iterator[Finding]:
+        """Yield the finding on elements with the ids `here` in the parts of the body, if there are any."""
+        mesh, space = self._system.mesh, self._system.space
+        ids, count = space.element_ids(here, FEW), int(space.total(len(here)))
+        if count:
+            where = point_of(mesh, ids[0])
+            yield Finding(name, ids, extreme, f"{name_ids(ids, 'element', count=count)}, the first at {where} at rest: {what}")
 
 
 def named_elements(mesh: ElementMesh, ids: NDArray[np.int64]) -> str:

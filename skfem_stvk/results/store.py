@@ -10,7 +10,7 @@ from collections.abc import Callable, Container, Iterator, Mapping
 from contextlib import contextmanager
 from glob import escape
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeAlias, TypeVar, cast
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -49,6 +49,8 @@ OfHeader = TypeVar("OfHeader", bound=Header)
 ARRAY = "array "
 #: Format and version of the file of a part of a divided body, and its array of the numbers of degrees of freedom.
 PART, NUMBERS = ("part of skfem-stvk", 1), "numbers"
+#: Numbers of the degrees of freedom of a part, and its arrays by degree of freedom.
+OfPart: TypeAlias = "tuple[Array, dict[str, Array]]"
 
 
 class Store(Generic[OfHeader]):
@@ -83,9 +85,7 @@ class Store(Generic[OfHeader]):
         """
         with in_all_parts(space or Space(0)):
             header, arrays = read_archive(file, cls.schema, cls.known, cls.remedy)
-            if space is not None:
-                arrays = of_part(file, header, arrays, cls.by_dof, space, cls.remedy)
-        return header, arrays
+        return header, arrays if space is None else of_part(file, header, arrays, cls.by_dof, space, cls.remedy)
 
 
 class FolderStore(Store[OfHeader], OneWriter):
@@ -173,27 +173,35 @@ def of_part(
 ) -> dict[str, Array]:
     """Return the arrays of a file, with those `by_dof` for a part of a body that was divided in any way when they were written.
 
-    Entries that are missing are NaN.
+    Entries that are missing are NaN. Each file of a part is read once: all parts of the body call this, and exchange what they read.
     """
     whole = [name for name in arrays if by_dof(name) and arrays[name].shape[-1:] == (space.count,)]
     found = dict(arrays) | {name: arrays[name][..., space.numbers] for name in whole}
     order = np.argsort(space.numbers)
     ascending = space.numbers[order]
-    first = header.parts[space.rank : space.rank + 1]  # the only one that is read if the division is the same
-    for name in dict.fromkeys([*first, *header.parts]):
-        with refusing_damage(file, remedy):
-            path = file.with_name(name)
-        part = read_archive(path, FileFormat, PART, remedy)[1]
-        with refusing_damage(path, remedy):
-            numbers = expect(part, NUMBERS, (None,), (np.int64,))
-            vectors = {one: expect(part, one, (*part[one].shape[:-1], len(numbers))) for one in part if by_dof(one)}
-        if np.array_equal(numbers, space.numbers):
-            return found | vectors
-        index = np.minimum(np.searchsorted(ascending, numbers), len(order) - 1)
-        own = ascending[index] == numbers
-        for one, values in vectors.items():
-            found.setdefault(one, np.full((*values.shape[:-1], space.n), np.nan))[..., order[index[own]]] = values[..., own]
+    for begin in range(0, len(header.parts), space.size):
+        names = header.parts[begin : begin + space.size]
+        with in_all_parts(space):
+            own = _vectors_of_part(file, names[space.rank], by_dof, remedy) if space.rank < len(names) else None
+        if len(header.parts) == space.size and not space.any(own is None or not np.array_equal(own[0], space.numbers)):
+            return found | (own[1] if own else {})
+        for turn in range(len(names)):
+            numbers, vectors = cast(OfPart, space.each(own if turn == space.rank else None)[turn])
+            index = np.minimum(np.searchsorted(ascending, numbers), len(order) - 1)
+            here = ascending[index] == numbers
+            for one, values in vectors.items():
+                found.setdefault(one, np.full((*values.shape[:-1], space.n), np.nan))[..., order[index[here]]] = values[..., here]
     return found
+
+
+def _vectors_of_part(file: Path, name: str, by_dof: Callable[[str], bool], remedy: str) -> OfPart:
+    """Return the numbers of the degrees of freedom in the file of a part, and its arrays `by_dof`."""
+    with refusing_damage(file, remedy):
+        path = file.with_name(name)
+    part = read_archive(path, FileFormat, PART, remedy)[1]
+    with refusing_damage(path, remedy):
+        numbers = expect(part, NUMBERS, (None,), (np.int64,))
+        return numbers, {one: expect(part, one, (*part[one].shape[:-1], len(numbers))) for one in part if by_dof(one)}
 
 
 def pattern(name: str) -> str:
@@ -211,7 +219,7 @@ OfRecord = TypeVar("OfRecord", bound=Record)
 def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
     """Replace the file, as `replacing` does."""
     text = json.dumps(header)
-    packed = {"header": np.array(text), "digest": np.array(digest_of(text, arrays))}
+    packed = {"header": np.array(text), "digest": np.array(_digest(text, arrays))}
     packed |= {ARRAY + name: array for name, array in arrays.items()}
     with replacing(path) as part, part.open("wb") as file:
         np.savez(file, **packed)  # type: ignore[arg-type]
@@ -227,7 +235,7 @@ def read_archive(
     try:
         text, digest, arrays = _unpacked(path, only_header)
         _check_known(json.loads(text), known)
-        if not only_header and digest != digest_of(text, arrays):
+        if not only_header and digest != _digest(text, arrays):
             raise ForeignFile("was changed after it was written.")
     except ForeignFile as error:
         raise ForeignFile(f"{path} {error} {remedy}") from None
@@ -273,7 +281,7 @@ def _unpacked(path: Path, only_header: bool) -> tuple[str, str, dict[str, Array]
     return text, digest, {name.removeprefix(ARRAY): array for name, array in named.items()}
 
 
-def digest_of(header: str, arrays: Mapping[str, Array]) -> str:
+def _digest(header: str, arrays: Mapping[str, Array]) -> str:
     """Return a digest that depends on the header and all arrays."""
     digest = hashlib.blake2b(header.encode(), digest_size=16)
     for name in sorted(arrays):

@@ -23,6 +23,7 @@ from ..errors import RegionError, StvkError, name_known
 from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh
 from ..mesh.locations import Box, Where, vertices_at
+from ..mesh.read import is_partition
 from ..results import Fields
 from ..results.ellipticity import refuse_other_laws
 from ..results.state_files import read_state
@@ -417,8 +418,6 @@ def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built
 
 def partition_of(sections: SceneTables, source: SceneSource) -> Path | None:
     """Return the partition file that a scene has as its mesh; None for another mesh."""
-    from ..distributed.files import is_partition
-
     file = source.folder / getattr(sections.mesh, "file", "")
     return file if file.is_file() and is_partition(file) else None
 

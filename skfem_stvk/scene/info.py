@@ -22,11 +22,10 @@ from ..dynamics.simulate import first_state
 from ..dynamics.stable_step import SAFETY
 from ..errors import MaterialError, Remark, StvkError, StvkWarning, name_ids
 from ..kernels.threads import threads
-from ..kernels.topology import edges_of_simplices
 from ..linear.choose import choose, why
 from ..materials import Isotropic
 from ..mesh import ElementMesh, MeshQuality, mesh_quality
-from ..mesh.facets import facet_ids
+from ..mesh.facets import facet_ids, pairs_in
 from ..mesh.quality import Extreme
 from ..system import System
 from ..system.free_tangent import entries_of, kind_of, with_loads
@@ -228,7 +227,7 @@ def _mesh(found: Inspection, mesh: ElementMesh, others: Sequence[ElementMesh] = 
     length, found.k = found.symbol("length"), mesh.k
     found.add("mesh", Fact("elements", mesh.nt, "", mesh.kind), Fact("nodes", mesh.nv))
     with found.part("edges"):
-        edges = edges_of_simplices(np.ascontiguousarray(mesh.corners, dtype=np.int32), np.array(mesh.element.edges), mesh.nv)
+        edges = pairs_in(mesh.corners, mesh.element.edges, mesh.nv)
         found.add("mesh", Fact("edges", edges[0].shape[1]))
         if mesh.element.is_linear_simplex and mesh.k > 1:
             faces = mesh.nt if mesh.k == 2 else int(facet_ids(mesh).max()) + 1

@@ -303,9 +303,13 @@ class BoundTerms:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
         if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
+        return self.space.element_ids(self.inverted_here(u))
+
+    def inverted_here(self, u: ArrayLike) -> NDArray[np.int64]:
+        """Return the ids of `inside_out` in this part of a divided body."""
         x = self._state(u)
         inverted = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
-        return self.space.element_ids(np.unique(np.concatenate([np.empty(0, dtype=np.int64), *inverted])))
+        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *inverted]))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
         """Return the smallest principal stretch of the mesh's elements at `u`: 1 at rest, 0 if flat. Errors as in `energy`.
@@ -323,12 +327,16 @@ class BoundTerms:
 
         StateError as in `energy`.
         """
+        return self.space.element_ids(self.compressed_here(u, below))
+
+    def compressed_here(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
+        """Return the ids of `compressed` in this part of a divided body."""
         x, below = self._state(u), number("below", below, "a finite stretch")
         ids = [np.empty(0, dtype=np.int64)]
         for specification, term in self._on_mesh:
             if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
                 ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
-        return self.space.element_ids(np.unique(np.concatenate(ids)))
+        return np.unique(np.concatenate(ids))
 
     @cached_property
     def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:

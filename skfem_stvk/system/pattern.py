@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import Array, plain_array, shown, whole_array
+from ..arguments import Array, check_index_range, plain_array, shown, whole_array
 from ..errors import StvkError, name_ids
 from ..kernels import blocks as block_kernels
 from ..kernels.threads import parts_of, run, threads
 from ..kernels.topology import block_indices, expand, lexicographic_order, stars
 from ..linear.space import Space
 from ..mesh.displacements import finite_vector
-from ..mesh.mesh import check_index_range
 from ..units import UnitSystem
 
 

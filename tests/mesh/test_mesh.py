@@ -8,9 +8,12 @@ import pytest
 import skfem
 from meshfiles import CUBE, FIVE_TETS, curved
 
-from skfem_stvk import ElementMesh, MeshError, RegionError, StVK, StvkWarning, System
+from skfem_stvk import ElementMesh, MeshError, RegionError, StVK, StvkWarning, System, arguments
+from skfem_stvk.arguments import check_index_range
+from skfem_stvk.edges.topology import kernel_edges, pairs_of
 from skfem_stvk.elements import ELEMENTS
-from skfem_stvk.mesh.mesh import check_index_range
+from skfem_stvk.elements.element import LOCAL_EDGES
+from skfem_stvk.mesh.facets import facets_of, outer_facets, pairs_in
 
 TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] < 0.5})
 
@@ -39,6 +42,31 @@ def test_counts_beyond_32_bit_indices_are_refused():
     check_index_range(2**31 - 1, "elements")
     with pytest.raises(MeshError, match=r"2147483648 elements are more than 32-bit indices can count \(2147483647\)"):
         check_index_range(2**31, "elements")
+
+
+@pytest.mark.parametrize("kind", ["tetrahedra", "quadratic triangles", "hexahedra"])
+def test_counts_of_facets_and_pairs_beyond_the_largest_index_are_refused_before_they_are_made(kind, monkeypatch):
+    """Indices wrapped above 537 million tetrahedra."""
+    quadratic = ElementMesh.of(TRIANGLES).with_degree(2)
+    mesh = {"tetrahedra": skfem.MeshTet().refined(1), "hexahedra": skfem.MeshHex().refined(1)}.get(kind, quadratic)
+    mesh = ElementMesh.of(mesh)
+    element, n = mesh.element, mesh.nt
+    calls = {
+        "facets": (len(element.facets), lambda: facets_of(mesh.t, mesh.nv, element), lambda: outer_facets(mesh)),
+        "pairs of nodes": (len(element.pairs), lambda: kernel_edges(mesh.t, element), lambda: pairs_of(mesh.t, element)),
+    }
+    for what, (each, *makers) in calls.items():
+        for make in makers:
+            monkeypatch.setattr(arguments, "LARGEST_INDEX", each * n)
+            make()
+            monkeypatch.setattr(arguments, "LARGEST_INDEX", each * n - 1)
+            with pytest.raises(MeshError, match=rf"{each * n} {what} of elements are more than 32-bit indices can count"):
+                make()
+    many = np.broadcast_to(np.arange(4, dtype=np.int32)[:, None], (4, 540_000_000))
+    with pytest.raises(MeshError, match="2160000000 facets of elements are more than 32-bit"):
+        facets_of(many, 4)
+    with pytest.raises(MeshError, match="3240000000 pairs of nodes of elements are more than 32-bit"):
+        pairs_in(many, LOCAL_EDGES[3], 4)
 
 
 @pytest.mark.parametrize(("cls", "k"), [(skfem.MeshLine, 1), (skfem.MeshTri, 2), (skfem.MeshTet, 3)])

@@ -208,9 +208,9 @@ def test_snapshots_are_in_the_span():
     states[body.supports.held[0], 1] += 0.1
     with pytest.raises(StvkError, match="snapshots violate the supports in 1 of 3"):
         reduced_of(body, 3, 0, snapshots=states)
-    for modes in (0, 3):
+    for count in (0, 3):
         with pytest.raises(StvkError, match=r"snapshots have the shape \(\d+, 0\); expected a column for each state, or None"):
-            reduced_of(body, None, modes, snapshots=states[:, :0])
+            reduced_of(body, None, count, snapshots=states[:, :0])
 
 
 @pytest.mark.parametrize("count", [3, 40])

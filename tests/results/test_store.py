@@ -3,11 +3,16 @@
 import io
 import tracemalloc
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from divided import Exchange, PartSpace
 
+from skfem_stvk.errors import StvkError
+from skfem_stvk.results import store
 from skfem_stvk.results.files import ForeignFile, content_of
 from skfem_stvk.results.store import Header, Record, read_archive, write_archive
 
@@ -44,6 +49,48 @@ def test_a_flipped_bit_in_the_header_of_an_array_is_refused_in_words(tmp_path):
     path.write_bytes(before + b"z'descr'" + after)
     with pytest.raises(ForeignFile, match=r"incomplete, or was not written by this package .*(TokenError|Cannot parse header)"):
         read_archive(path, Plain, known, "")
+
+
+def divided_numbers(parts, seed):
+    """Return the numbers of 40 degrees of freedom in each of some parts; neighbours share some of them."""
+    rng = np.random.default_rng(seed)
+    return [rng.permutation(np.union1d(own, rng.integers(0, 40, 3))) for own in np.array_split(rng.permutation(40), parts)]
+
+
+@pytest.mark.parametrize(("before", "now"), [(3, 3), (3, 2), (2, 3), (5, 2), (3, 1), (1, 3)])
+@pytest.mark.parametrize("damaged", [False, True])
+def test_each_file_of_a_part_is_read_once_by_any_number_of_parts(before, now, damaged, tmp_path, monkeypatch):
+    values, file, reads = np.cos(np.arange(80.0)).reshape(2, 40), tmp_path / "state.npz", []
+    header = SimpleNamespace(parts=[f"rank{rank:04d}_state.npz" for rank in range(before)])
+    for name, numbers in zip(header.parts, old := divided_numbers(before, 1), strict=True):
+        write_archive(tmp_path / name, {"format": store.PART[0], "version": 1}, {"numbers": numbers, "u": values[:, numbers]})
+    if damaged:
+        (tmp_path / header.parts[-1]).write_bytes(b"")
+
+    def counted(path, *arguments):
+        reads.append(path.name)
+        return read_archive(path, *arguments)
+
+    monkeypatch.setattr(store, "read_archive", counted)
+    for new in (divided_numbers(now, 2), *([old] if before == now else [])):
+        exchange, reads[:] = Exchange(now), []
+
+        def read(part, new=new, exchange=exchange):
+            numbers = new[part]
+            space = PartSpace(exchange, part, 40, 1, numbers, None, (slice(0, len(numbers)),))
+            try:
+                return store.of_part(file, header, {"t": np.ones(1)}, lambda name: name == "u", space, "Start again.")
+            except StvkError as error:
+                return error
+
+        with ThreadPoolExecutor(now) as pool:
+            found = list(pool.map(read, range(now)))
+        assert sorted(reads) == header.parts[: len(reads)] and (damaged or len(reads) == before)
+        for numbers, arrays in zip(new, found, strict=True):
+            if damaged:
+                assert isinstance(arrays, StvkError) and header.parts[-1] in str(arrays)
+            else:
+                assert np.array_equal(arrays["u"], values[:, numbers]) and set(arrays) == {"t", "u"}
 
 
 def test_a_compressed_archive_is_refused(tmp_path):
