@@ -169,11 +169,11 @@ def _read(group: Any, header: PartitionHeader) -> PartContent:
     arrays: dict[str, NDArray[Any]] = {name: group[name][()] for name in (*ARRAYS, *named_arrays)}
     if group.attrs["digest"] != digest_of(group.name, arrays):
         raise ValueError(f"{group.name} was changed after it was written")
-    by_name: dict[str, dict[str, NDArray[Any]]] = {kind: {} for kind in NAMED}
+    content: dict[str, Any] = {kind: {} for kind in NAMED} | {name: arrays[name] for name in ARRAYS}
     for key, (kind, name) in named_arrays.items():
-        by_name[kind][name] = arrays.pop(key)
-    vertices, bounds = int(arrays.pop("vertices")), np.array(header.bounds)
-    part = PartContent(element=named(header.element), bounds=bounds, vertices=vertices, **by_name, **arrays)
+        content[kind][name] = arrays[key]
+    content |= {"element": named(header.element), "bounds": np.array(header.bounds), "vertices": int(arrays["vertices"])}
+    part = PartContent(**content)
     _check_ids(part, header)
     return part
 

@@ -58,8 +58,8 @@ class MeshPart(ElementMesh):
     element_numbers: Ids = field(kw_only=True)
     bounds: NDArray[np.float64] = field(kw_only=True)
     element_count: int = field(kw_only=True)
-    boundary_numbers: Mapping[str, Ids] = field(kw_only=True)
-    line_numbers: Mapping[str, Ids] = field(kw_only=True)
+    boundary_numbers: Mapping[str, NDArray[np.integer]] = field(kw_only=True)
+    line_numbers: Mapping[str, NDArray[np.integer]] = field(kw_only=True)
     _boxes: dict[Box, Ids] = field(init=False, default_factory=dict)
 
     checked = True
@@ -129,19 +129,13 @@ class MeshPart(ElementMesh):
 
     def local_nodes(self, ids: Ids) -> Ids:
         """Return the indices of those nodes with these numbers that this rank has, in their order."""
-        found = self._indices(ids)
+        found = _indices(self.node_numbers, ids)
         return found[found >= 0]
 
     def local_elements(self, ids: Ids) -> Ids:
         """Return the indices of those elements with these numbers that this rank has, in their order."""
-        index = np.minimum(np.searchsorted(self.element_numbers, ids), self.nt - 1)
-        return index[self.element_numbers[index] == ids]
-
-    def _indices(self, numbers: NDArray[np.integer]) -> Ids:
-        """Return the index on this rank of each node; -1 for nodes of other ranks."""
-        order = np.argsort(self.node_numbers)
-        index = order[np.minimum(np.searchsorted(self.node_numbers, numbers, sorter=order), self.nv - 1)]
-        return np.where(self.node_numbers[index] == numbers, index, -1)
+        found = _indices(self.element_numbers, ids)
+        return found[found >= 0]
 
     def beside(self, t: NDArray[np.int32], element: Element, simplices: Sequence[Any] = ()) -> MeshPart:
         """Return the mesh of this rank's other elements `t` (n, nt) on the same nodes; there may be none.
@@ -150,7 +144,7 @@ class MeshPart(ElementMesh):
         """
         facet, numbers, count = named(element.facet), [np.empty(0, dtype=np.int64)], 0
         for own in map(self._numbers_of, simplices):
-            numbers.append(count + own)
+            numbers.append(count + own.astype(np.int64))
             count += int(self.space.total(float(len(own))))
         return replace(
             self,
@@ -164,11 +158,11 @@ class MeshPart(ElementMesh):
             element_count=count if simplices else t.shape[1],
         )
 
-    def _numbers_of(self, simplices: Any) -> Ids:
+    def _numbers_of(self, simplices: Any) -> NDArray[np.integer]:
         """Return the numbers of this rank's simplices of a name, or of nodes of the whole mesh, among all of them."""
         if isinstance(simplices, str):
             return (self.boundary_numbers if self.k > 1 and simplices in self.boundaries else self.line_numbers)[simplices]
-        return np.flatnonzero(self._lowest_rank(self._indices(np.asarray(simplices))) == self.space.rank)
+        return np.flatnonzero(self._lowest_rank(_indices(self.node_numbers, np.asarray(simplices))) == self.space.rank)
 
     def _lowest_rank(self, own: Ids) -> Ids:
         """Return the lowest rank (nt,) that has all nodes of each element; `own` (n, nt) are indices on this rank, or -1."""
@@ -184,7 +178,7 @@ class MeshPart(ElementMesh):
         MeshError
             if no rank has all nodes of an element; `what` begins the message.
         """
-        own = self._indices(t)
+        own = _indices(self.node_numbers, t)
         rank = self._lowest_rank(own)
         if len(bad := np.flatnonzero(rank == self.space.size)):
             raise MeshError(
@@ -263,6 +257,13 @@ def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = 
     for rank, part in enumerate(parts, start=1):
         comm.send(part, rank)
     return MeshPart.from_part(own, comm)
+
+
+def _indices(numbers: Ids, wanted: NDArray[np.integer]) -> Ids:
+    """Return the index among the `numbers` of this rank's nodes or elements of each wanted one; -1 for those of other ranks."""
+    order = np.append(np.argsort(numbers), -1)
+    index = order[np.searchsorted(numbers, wanted, sorter=order[:-1])]
+    return np.where(np.append(numbers, -1)[index] == wanted, index, -1)
 
 
 def _order(part: PartContent, foreign: NDArray[np.bool_]) -> tuple[Ids, tuple[slice, ...]]:

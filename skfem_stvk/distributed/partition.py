@@ -61,8 +61,8 @@ class PartContent:
     boundaries: Mapping[str, NDArray[np.int32]]
     node_sets: Mapping[str, NDArray[np.int32]]
     lines: Mapping[str, NDArray[np.int32]]
-    boundary_numbers: Mapping[str, Ids]
-    line_numbers: Mapping[str, Ids]
+    boundary_numbers: Mapping[str, NDArray[np.integer]]
+    line_numbers: Mapping[str, NDArray[np.integer]]
     shared: Ids
     bounds: NDArray[np.float64]
     vertices: int

@@ -97,7 +97,7 @@ class Body:
         for term in self._materials:
             ids = self.mesh.elements(term.region)
             own = np.broadcast_to(term.section(self.mesh, len(ids)), ids.shape)
-            bad = ids[~np.isnan(section[ids]) & (section[ids] != own)]
+            bad = self.mesh.element_numbers[ids[~np.isnan(section[ids]) & (section[ids] != own)]]
             if len(bad):
                 raise LoadError(
                     f"{name_ids(bad, 'element')}: terms of different {'thickness' if self.mesh.k == 2 else 'area'} on the same "

@@ -16,6 +16,7 @@ from mpi4py import MPI
 from skfem_stvk import ElementMesh, MeshError, StVK, StvkError, System, read_state
 from skfem_stvk.distributed import distribute
 from skfem_stvk.results import Fields, Series, compare_networks, names, plot, write_mesh, write_vtu
+from skfem_stvk.results.monitors import point_of
 from skfem_stvk.system.signature import Fingerprint
 
 warnings.simplefilter("ignore")
@@ -37,7 +38,10 @@ def bodies():
             yield "covered", mesh, lambda m, bag=bag: System(m, [StVK(young=2.0, poisson=0.3, region="low"), bag])
             order = np.argsort(mesh.p[0])
             lines = {"near": np.stack([order[:3], order[1:4]]), "far": np.stack([order[-4:-1], order[-3:]])}
-            tied, pairs = ElementMesh(mesh.p, mesh.t, {"low": low, "some": low[::2]}, lines=lines), np.unique(np.sort(mesh.t[:2, ::9], axis=0), axis=1)
+            tied, pairs = (
+                ElementMesh(mesh.p, mesh.t, {"low": low, "some": low[::2]}, lines=lines),
+                np.unique(np.sort(mesh.t[:2, ::9], axis=0), axis=1),
+            )
             cables = [StVK(young=7.0, area=0.1 * i, simplices=where) for i, where in enumerate(("near", "far", pairs), start=1)]
             yield "tied", tied, lambda m, cables=cables: System(m, [StVK(young=2.0, poisson=0.3), *cables])
 
@@ -86,6 +90,10 @@ def main(folder):
         one, whole = Fields.of(build(part)).at(u[space.numbers], v[space.numbers]), Fields.of(build(mesh)).at(u, v)
         of_lower = [Fingerprint("path of equilibria", build(m), {}, (1.0,), {}).signature.numbers for m in (part, mesh)]
         found = {"signature": relative(*(numbers.get("the elements beside the mesh", [1.0]) for numbers in of_lower))}
+        for lower, other in zip(one.beside, whole.beside, strict=True):
+            meshes = lower.fields.mesh, other.fields.mesh
+            points = [[point_of(m, i) for i in range(0, meshes[1].nt, 3)] for m in meshes]
+            found["centres of lower elements"] = 0.0 if points[0] == points[1] else np.inf
         for field in names():
             found[field] = difference(space, one[field], whole[field], part.element_numbers)
             at_nodes = one.at_nodes(field)

@@ -92,9 +92,7 @@ def test_motions_and_modes_are_those_of_the_mesh(meshes, tmp_path):
         simulation.step()
         return run, modes(System(mesh, terms[0], fixed={"left": "xyz"}), 3), simulation
 
-    (whole, shapes, of_steps), (own, own_shapes, own_steps) = (
-        moved(mesh, tmp_path / f"{i}.pvd") for i, mesh in enumerate(meshes)
-    )
+    (whole, shapes, of_steps), (own, own_shapes, own_steps) = (moved(mesh, tmp_path / f"{i}.pvd") for i, mesh in enumerate(meshes))
     same(own.u, whole.u)
     same(own.v, whole.v)
     for name in ("tip z", "reaction wall z", "kinetic_energy"):

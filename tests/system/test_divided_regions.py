@@ -36,7 +36,10 @@ TERMS = {
     "InvertibleStVK, stress": lambda ids, d: InvertibleStVK(**FULL, extend="stress", region=ids),
     "SpringNetwork": lambda ids, d: SpringNetwork(**FULL, region=ids),
     "BodyForce": lambda ids, d: BodyForce(np.arange(1.0, d + 1), region=ids),
-    **{f"VolumePenalty, {kind}": lambda ids, d, kind=kind: VolumePenalty(kind=kind, region=ids) for kind in ("barrier", "quadratic")},
+    **{
+        f"VolumePenalty, {kind}": lambda ids, d, kind=kind: VolumePenalty(kind=kind, region=ids)
+        for kind in ("barrier", "quadratic")
+    },
     "VolumePenalty, compression": lambda ids, d: VolumePenalty(0.5, kind="compression", region=ids),
 }
 
@@ -50,7 +53,9 @@ def results(system, u, v):
     numbers |= {"inverted": system.inside_out(8 * u), "compressed": system.compressed(u, 0.9), "limit": system.step_limit(0 * u, u)}
     if not system.without_energy:
         numbers |= {"W": system.energy(u), "energies": list(system.energies(u, 0.7).values())}
-    numbers |= {f"signature {i}": one for i, one in enumerate(Fingerprint("motion", system, {}, (0.5, 1.0), {}).signature.numbers.values())}
+    numbers |= {
+        f"signature {i}": one for i, one in enumerate(Fingerprint("motion", system, {}, (0.5, 1.0), {}).signature.numbers.values())
+    }
     texts = {"findings": [(one.name, one.elements.tolist(), one.text) for one in Monitors(system, False).at(u)]}
     texts["ellipticity"] = without_ids(caught(lambda: Monitors(system, True)))
     fields, of_elements = Fields.of(system).at(u), {}
