@@ -112,7 +112,8 @@ class AnsweringProcess:
 
     def _listen(self) -> None:
         """Read the output of the process, and keep its end."""
-        with self._process.stderr as output:  # type: ignore[union-attr]
+        output: Any = self._process.stderr
+        with output:
             while piece := output.read1(KEPT):
                 self._said = (self._said + piece)[-KEPT:]
 

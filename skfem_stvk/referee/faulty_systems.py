@@ -265,7 +265,8 @@ def cached(cached_methods: Sequence[str], same: Callable[[Array, Array], Any], m
     body = System(mesh, terms)
 
     def method(name: str) -> Callable[[Array], Any]:
-        call, last = getattr(body, name), {}
+        call: Callable[[Array], Any] = getattr(body, name)
+        last: dict[str, Any] = {}
 
         def value(u: Array) -> Any:
             if not last or not same(u, last["u"]):

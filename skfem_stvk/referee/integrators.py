@@ -16,7 +16,7 @@ from ..errors import StvkError
 from ..mesh import ElementMesh
 from ..system import System
 from ..terms import StVK
-from .case import nearby_states
+from .case import NEARBY
 from .implementations import ContractViolation, Implementation, guarded
 from .manufactured import fitted_order
 from .report import Report, judge
@@ -207,10 +207,11 @@ class _Body:
 
 
 def _memory(body: _Body) -> dict[str, Any]:
-    """Compare steps with the same steps after a step from a distant state, and from a state nearly equal."""
+    """Compare steps with the same steps after a step from a distant state, and after one that begins or ends nearly at their start."""
     u, v = body.state(0.0)
     far, dt, off = body.state(body.until / 3), body.until / STEPS[0], []
-    for start, between in [(u, far[0]), *((nearby, u) for nearby in nearby_states(u, 3))]:
+    moved = body.step_once(u, v, dt)[0]
+    for start, between in ((u, far[0]), ((1 + NEARBY) * u, u), ((1 + NEARBY) * moved, u)):
         body.step_once(*far, dt)
         first = np.concatenate(body.step_once(start, v, dt))
         body.step_once(*far, dt)
