@@ -178,7 +178,9 @@ def test_an_input_that_moves_evenly_has_its_speed_at_once(integrator, mass, redu
         part = (i + 1) * integrator.dt / DT
         sim.step(right=(2e-3 * part, -1e-3 * part, 0.0))
         np.testing.assert_allclose(sim.v.reshape(-1, 3)[right], [np.array([0.1, -0.05, 0.0])] * len(right), rtol=1e-9, atol=1e-12)
+    speed = (np.array([0.02, -0.01, 0.0]) - sim.mean("right")) / (2.5 * DT)
     sim.step(until=sim.t + 2.5 * DT, right=(0.02, -0.01, 0.0))
+    np.testing.assert_allclose(sim.v.reshape(-1, 3)[right], [speed] * len(right), rtol=1e-5, atol=1e-12)
     for _ in range(3):
         sim.step()
         assert not np.abs(sim.v.reshape(-1, 3)[right]).max() > 1e-12
