@@ -250,6 +250,8 @@ def _check_equilibrium(system: System, u: Array, header: StateHeader) -> None:
     reactions = forces[constrained].copy()
     forces[constrained] = 0
     scale = system.space.norm(loads) + system.space.on(constrained).norm(reactions)
+    if system.contacts:
+        scale += system.space.norm(system.contact_force(u))
     rtol: Any = header.problem.method["rtol"]
     small, size = RESIDUAL * max(rtol, step.iterations.residuals[-1]), system.space.norm(forces)
     if size > small * max(scale, SMALLEST_SCALE * header.walk.largest):

@@ -39,7 +39,9 @@ def without_pushes(monkeypatch):
     monkeypatch.setattr(LoadSteps, "_settled", lambda *state: None)
 
 
-@pytest.mark.parametrize("law", [LinearElastic(young=1e3, poisson=0.0), NeoHookean(young=1e3, poisson=0.0)], ids=repr)
+@pytest.mark.parametrize(
+    "law", [LinearElastic(young=1e3, poisson=0.0), NeoHookean(young=1e3, poisson=0.0)], ids=lambda law: type(law).__name__
+)
 def test_two_blocks_that_slip_from_vertex_to_vertex_are_stable_nearby(law, monkeypatch):
     """The state found first is unstable, and the result a state of less energy next to it, with a remark."""
     system = blocks(law)
@@ -68,6 +70,16 @@ def column(down, distance=5e-3):
     contact = MeshContact("column", "plate", distance=distance)
     terms = [StVK(young=1e5, poisson=0.3), contact]
     return System(mesh, terms, fixed={lambda x: x[1] == 0: "xy"}, prescribed=pressed)
+
+
+def test_a_resumed_path_and_an_iterative_solver_have_the_state_nearby_and_the_remark(tmp_path):
+    system = blocks(LinearElastic(young=1e3, poisson=0.0))
+    whole = solve_static(system, steps=5, checkpoint=tmp_path, quiet=True)
+    again = solve_static(system, steps=5, checkpoint=tmp_path, resume=True, quiet=True)
+    assert again.message == whole.message and np.array_equal(again.u, whole.u) and "half of the contact's" in whole.message
+    iterative = solve_static(system, steps=5, solver="block-jacobi-cg", quiet=True)
+    assert iterative.status is Status.CONVERGED and "half of the contact's" in iterative.message
+    assert iterative.history[-1].potential == pytest.approx(whole.history[-1].potential, rel=1e-9)
 
 
 STRAIN = np.pi**2 * 0.1**2 / 12
