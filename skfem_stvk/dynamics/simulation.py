@@ -45,7 +45,7 @@ MOST_HALVINGS = 20
 
 
 def exclusive(method: Method) -> Method:
-    """Return a method of `Simulation` that raises StvkError if it is called by a motion or a load which the simulation evaluates."""
+    """Return a method of `Simulation` that raises StvkError within another such call, by a motion or a load."""
 
     @wraps(method)
     def alone(self: Simulation, *arguments: Any, **named: Any) -> Any:
@@ -271,8 +271,8 @@ class Simulation:
         halved = f", not even in {2**self._steps.halvings} parts" if self._steps.halvings else ""
         return self.system.units.text(
             f"No state was found between t = {self.t:.6g} s and {end:.6g} s{halved}: {str(error).rstrip('.')}. The simulation is "
-            f"as it was before. Try a smaller dt, smaller changes of the inputs{', or halvings=6' * (not halved)}; on_failure='hold' "
-            "goes on without an error."
+            f"as it was before. Try a smaller dt, smaller changes of the inputs{', or halvings=6' * (not halved)}; "
+            "on_failure='hold' goes on without an error."
         )
 
     @property

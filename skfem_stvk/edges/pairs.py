@@ -397,7 +397,8 @@ class PairTerm(ABC):
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
         """Return the energy [J] and the blocks at `u` (nv, d); add the internal force to `force` (nv, d).
 
-        Without `force`, the energy may be 0. `out` are blocks that this method returned before; they are overwritten. `kept`: which tensions of edges K includes.
+        Without `force`, the energy may be 0. `out` are blocks that this method returned before; they are overwritten. `kept`: which
+        tensions of edges K includes.
         """
 
     def rows(self, pattern: BlockPattern) -> Any:

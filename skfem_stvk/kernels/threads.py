@@ -31,8 +31,8 @@ def threads() -> int:
 
     This is the value of `numba.set_num_threads` in this Python thread, by default one thread per core.
 
-    `numba.get_num_threads` takes a semaphore that forked processes share. If one of them is killed while it holds the semaphore, all
-    others wait for ever. The function that numba loads at its first launch takes none.
+    `numba.get_num_threads` takes a semaphore that forked processes share, and if one of them is killed meanwhile, all others wait
+    for ever. The function that numba loads at its first launch takes none.
     """
     launched = getattr(parallel, "_get_num_threads", numba.get_num_threads)
     try:

@@ -173,7 +173,7 @@ def of_part(
 ) -> dict[str, Array]:
     """Return the arrays of a file, with those `by_dof` for a part of a body that was divided in any way when they were written.
 
-    Entries that are missing are NaN. Each file of a part is read once: all parts of the body call this, and exchange what they read.
+    Entries that are missing are NaN. All parts of the body call this. Each reads some files, and all exchange the arrays.
     """
     whole = [name for name in arrays if by_dof(name) and arrays[name].shape[-1:] == (space.count,)]
     found = dict(arrays) | {name: arrays[name][..., space.numbers] for name in whole}

@@ -113,7 +113,9 @@ class Barrier:
         whose bits do not depend on where it was made.
         """
         near, far = self._near, not all(self._longest_edge(x) <= self._longest for x in (x0, x1))
-        if near is None or near[2] != far or not (self._is_near(x0, near[0]) and self._is_near(x1, near[1])):
+        limit = (MARGIN * self.distance) ** 2
+        ends = [] if near is None or near[2] != far else [(x0, near[0]), (x1, near[1])]
+        if near is None or not ends or not all(np.square(x - then).sum(axis=1).max() < limit for x, then in ends):
             self._near = near = x0.copy(), x1.copy(), far, self._search(x0, x1, far)
         return near[3]
 
@@ -126,10 +128,6 @@ class Barrier:
         search = self._toolkit.SweepAndPrune() if far else self._toolkit.HashGrid()
         pairs.build(self._mesh, start, end, (0.5 + MARGIN) * self.distance, broad_phase=search)
         return pairs
-
-    def _is_near(self, x: Array, before: Array) -> bool:
-        """Return whether no vertex has moved by the margin."""
-        return bool(np.square(x - before).sum(axis=1).max() < (MARGIN * self.distance) ** 2)
 
     def _longest_edge(self, x: Array) -> float:
         ends = x[self.edges]
