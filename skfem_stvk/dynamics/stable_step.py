@@ -171,8 +171,8 @@ class StableStep:
             self._warned = True
             bound = "" if self._last is None else f" (safe bound {self._last.bound:.4g} s): the motion will blow up"
             above = (
-                f"t = {t:.4g} s: the step dt = {self._user_dt:.4g} s is above the critical one, {step:.4g} s{cause or bound}. Take a "
-                "smaller step, or dt=None to have it computed."
+                f"t = {t:.4g} s: the step dt = {self._user_dt:.4g} s is above the critical one, {step:.4g} s{cause or bound}. "
+                "Take a smaller step, or dt=None to have it computed."
             )
             warn(self._text(above))
 

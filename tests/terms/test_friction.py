@@ -1,4 +1,4 @@
-"""Friction against closed forms: sliding, sticking and rolling, with every integrator and both contacts, near the origin and far."""
+"""Friction against closed forms: sliding, sticking and rolling, with every integrator, both contacts, near and far."""
 
 import numpy as np
 import pytest
