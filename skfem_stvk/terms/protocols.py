@@ -292,7 +292,7 @@ class CanPenetrate(Protocol):
         """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
 
     def too_soft(self, impact: float) -> str:
-        """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, or an empty text."""
+        """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, else ""."""
 
 
 @runtime_checkable
