@@ -38,7 +38,8 @@ SCRIPT = """
 import skfem
 from skfem_stvk import EnergyMomentum, Gravity, StVK, System, simulate, solve_static
 from skfem_stvk.terminal import note
-body = System(skfem.MeshTri().refined(1), [StVK(young=1e5, poisson=0.3, density=1e3), Gravity((0, -1))], {lambda x: x[0] == 0: "xy"})
+law = StVK(young=1e5, poisson=0.3, density=1e3)
+body = System(skfem.MeshTri().refined(1), [law, Gravity((0, -1))], {lambda x: x[0] == 0: "xy"})
 note("compiling kernels")
 solve_static(body)
 run = simulate(body, EnergyMomentum(dt=1e-3), until=3e-3)

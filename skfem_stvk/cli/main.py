@@ -74,7 +74,7 @@ def _show(notes: Console, otherwise: Callable[..., None], message: Warning | str
 @dataclass(frozen=True)
 class Command:
     """Command `skfem-stvk NAME`: the function that runs it and returns the exit code, its line of help, the function that adds its
-    arguments, whether it runs on several ranks, and whether its results are files, so that it goes on if it cannot print.
+    arguments, and whether it runs on several ranks. A command whose results are files goes on if it cannot print.
     """
 
     run: Callable[[argparse.Namespace], int]

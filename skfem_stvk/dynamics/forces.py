@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -117,9 +118,9 @@ def _combined(
 
 
 def damped_beside_edges(system: System) -> list[str]:
-    """Return the names of the terms, other than laws on edges, that are in the Gauss-Newton tangent, so that `tau K_GN` damps them."""
+    """Return the names of the terms, other than laws on edges, in the Gauss-Newton tangent: `tau K_GN` damps them, too."""
     elastic, loads = iter(system.bound_terms), iter(system.bound_loads)
-    bound = [(term, next(loads if is_load(term) else elastic)) for term in system.terms]
+    bound: list[tuple[Any, Any]] = [(term, next(loads if is_load(term) else elastic)) for term in system.terms]
     return [type(term).__name__ for term, one in bound if not (one.dead if is_load(term) else isinstance(one, HasDampingForce))]
 
 

@@ -118,10 +118,14 @@ class Run:
         return relative_closure_error(self.ledger)
 
     @cached_property
+    def contacts(self) -> tuple[ContactState, ...]:
+        """States of all contacts, as `contact` returns them."""
+        return contact_states(self.system, self.u, self.motion.moment(self.t), self.last.forces)
+
+    @cached_property
     def state(self) -> State:
         """All fields of the last state: `run.state["von_mises_stress"]`; see `skfem_stvk.results.names()`."""
-        contacts = contact_states(self.system, self.u, self.motion.moment(self.t), self.last.forces)
-        return Fields.of(self.system).at(self.u, self.v, contacts)
+        return Fields.of(self.system).at(self.u, self.v, self.contacts)
 
     def reaction(self, where: Where | None = None) -> Reaction:
         """Return the force of supports and foundations on the body at a location.

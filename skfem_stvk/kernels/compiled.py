@@ -10,6 +10,7 @@ import gc
 import pickle
 import re
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -18,7 +19,7 @@ from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryFile
 from time import monotonic
-from typing import Any, ClassVar, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numba
 import numpy as np
@@ -268,8 +269,8 @@ class AlteredCode(Exception):
 def cache_folder() -> Path | None:
     """Return the folder for the machine code of this installation, which is made; None if no folder is writable.
 
-    The folder is in `NUMBA_CACHE_DIR` or else in the user's cache folder. Its name has the versions of package, Python and numba and
-    a hash of the package's folder, so that two checkouts of one version do not replace the files of each other.
+    The folder is in `NUMBA_CACHE_DIR` or else in the user's cache folder. Its name has the versions of package, Python and numba.
+    It has a hash of the package's folder, too, so that checkouts do not replace the files of each other.
     """
     found = versions(("skfem-stvk", "numba"))
     package = sha256(str(Path(__file__).parents[1]).encode()).hexdigest()[:12]
@@ -320,16 +321,13 @@ class CheckedFile(IndexDataCacheFile):
                 file.unlink(missing_ok=True)
 
 
-class KernelLocator(_CacheLocator):
-    """Where the machine code of a kernel is stored, and the source to which it belongs."""
+class KernelFiles(CompileResultCacheImpl, _CacheLocator):
+    """Files of a kernel: their folder, their names, and the source to which they belong."""
 
-    def __init__(self, function: Any, file: str) -> None:
-        self._py_file, self._line, self._module = file, function.__code__.co_firstlineno, function.__module__.rpartition(".")[2]
-
-    @classmethod
-    def from_function(cls, function: Any, file: str) -> KernelLocator:
-        """Return the locator of a function in a file."""
-        return cls(function, file)
+    def __init__(self, function: Any) -> None:
+        self._lineno, self._py_file = function.__code__.co_firstlineno, function.__code__.co_filename
+        self._module, self._locator = function.__module__.rpartition(".")[2], self
+        self._filename_base = self.get_filename_base(f"{self._module}.{function.__qualname__}", getattr(sys, "abiflags", ""))
 
     def get_cache_path(self) -> str:
         """Return the folder."""
@@ -341,13 +339,7 @@ class KernelLocator(_CacheLocator):
 
     def get_disambiguator(self) -> str:
         """Return a text that distinguishes functions of one name in a file."""
-        return str(self._line)
-
-
-class KernelFiles(CompileResultCacheImpl):
-    """Names of the files of a kernel."""
-
-    _locator_classes: ClassVar[list[type[_CacheLocator]]] = [KernelLocator]
+        return str(self._lineno)
 
 
 class KernelCache(FunctionCache):

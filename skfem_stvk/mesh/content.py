@@ -284,8 +284,11 @@ def facets_on(used: NDArray[Any], boundaries: dict[str, NDArray[Any]]) -> dict[s
 def nodes_on(used: NDArray[Any], inner: NDArray[Any], sets: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return the used nodes of each set without empty sets, and warn of lost nodes that are not inner nodes of elements."""
     retained = {}
+    members_of_all = np.concatenate([used, inner, *sets.values()])
+    kind = np.zeros(int(members_of_all.max(initial=-1)) + 1, dtype=np.int8)  # 0 for lost nodes
+    kind[inner], kind[used] = 1, 2
     for name, members in sets.items():
-        retained[name] = np.intersect1d(members, used)
-        if len(lost := np.setdiff1d(members, np.union1d(used, inner))):
+        retained[name] = np.unique(members[kind[members] == 2])
+        if len(lost := np.unique(members[kind[members] == 0])):
             warn(f"Node set {name!r}: {name_ids(lost, 'vertex')} of {len(members)} are left out, because they are on no element.")
     return {name: members for name, members in retained.items() if len(members)}

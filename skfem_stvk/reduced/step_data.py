@@ -48,8 +48,8 @@ def step_data(body: PrecomputedCoordinates) -> dict[str, Array]:
     Raises
     ------
     StvkError
-        if a term is not a quartic, or a load depends on time or displacements: such a step needs the mesh; if the name of a location
-        is no line of text of at most 127 bytes.
+        if a term is not a quartic, or a load depends on time or displacements: such a step needs the mesh; if the name of a
+        location is no line of text of at most 127 bytes.
     """
     system, mesh = body.system, body.mesh
     if not body.quartic:
@@ -67,8 +67,8 @@ def step_data(body: PrecomputedCoordinates) -> dict[str, Array]:
     bad = [name for name in (*names, *lifts) if not _is_line(name)]
     if bad:
         raise StvkError(
-            f"The name of a location is {shown(bad[0])} ({len(bad)} such); expected one line of 1 to {LONGEST} bytes in UTF-8, a lift's "
-            "component included, that does not begin with a blank. Rename it, or save as .npz."
+            f"The name of a location is {shown(bad[0])} ({len(bad)} such); expected one line of 1 to {LONGEST} bytes in UTF-8, with "
+            "the component of a lift, that does not begin with a blank. Rename it, or save as .npz."
         )
     at = [vertices_at(mesh, name, f"location {name!r}") for name in names]
     nodes = np.concatenate([np.empty(0, dtype=np.int64), *at])

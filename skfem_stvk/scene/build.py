@@ -299,10 +299,11 @@ def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Compl
     for table in ("probes", "reactions"):
         for name in sorted(taken.intersection(getattr(output, table))):
             complaints.add(("output", table, name), "is also the name of a result or plot; choose another name")
-    contacts = contacts_of(sections)
+    contacts, others = contacts_of(sections), {*followed, *taken}
+    first = {name: number for number, name in reversed(contacts.items())}
     for number, name in contacts.items():
-        also = "a probe, a reaction, a result or a plot" if name in {*followed, *taken} else ""
-        also = "another contact" if name in [contacts[other] for other in contacts if other < number] else also
+        also = "a probe, a reaction, a result or a plot" if name in others else ""
+        also = "another contact" if first[name] < number else also
         if also:
             complaints.add(("terms", number, "name"), f"{name!r} is also the name of {also}; choose another name")
     if isinstance(sections.analysis, ModesAnalysis):

@@ -125,7 +125,8 @@ class Folder:
         """Return what the folder holds before a run."""
         existing = [name for name in (SUMMARY, RESOLVED) if (self.path / name).is_file()]
         has_results = SUMMARY in existing and self.summary()["status"] != REFUSED
-        content = {name: (self.path / name).read_bytes() for name in existing} if has_results else {}
+        small = [name for name in existing if (self.path / name).stat().st_size <= LARGEST]
+        content = {name: (self.path / name).read_bytes() for name in small} if has_results else {}
         return PreviousRun(content, self._files(), _written_names(self.path) if self.force else [])
 
     def _files(self) -> dict[str, tuple[int, int]]:

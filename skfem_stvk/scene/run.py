@@ -58,7 +58,7 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
     curves = {} if isinstance(result, Modes) else _curves(built, result)
     last = {name: curve.values[-1] for name, curve in curves.items()}
     if not isinstance(result, Modes):
-        last |= {contact.name: result.contact(contact.name).resultant for contact in built.system.contacts}
+        last |= {contact.name: contact.resultant for contact in result.contacts}
     stress = None if isinstance(result, Modes) else largest_stress(result)
     values = _values(result) | ({} if stress is None else {"stress.largest": stress.value})
     values |= {

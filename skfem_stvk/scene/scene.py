@@ -244,8 +244,9 @@ class Scene:
             data["solver"] |= {name: value for name, value in vars(built.integrator).items() if name in ("rtol", "tangent")}
         elif built.solver and self.sections.analysis.type != "modes":
             data["solver"].setdefault("rtol", RTOL)
-        for (*tables, name), file in input_files(self.sections) if folder is not None else ():
-            reduce(getitem, tables, data)[name] = os.path.relpath(self.source.folder / file, folder)
+        table: Any = data
+        for loc, file in input_files(self.sections) if folder is not None else ():
+            reduce(getitem, loc[:-1], table)[loc[-1]] = os.path.relpath(self.source.folder / file, folder)
         tables = _tables(scene_tables().model_validate(data))
         if not built.solver:
             del tables["solver"]  # explicit integrators solve no systems

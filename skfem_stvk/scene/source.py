@@ -123,6 +123,8 @@ def setting_of(given: str) -> tuple[Loc, Any]:
     >>> setting_of("terms[1].g=[0, 0, -1]"), setting_of("mesh.file=2nd.msh"), setting_of("fixed.'left wall'=xy")
     ((('terms', 1, 'g'), [0, 0, -1]), (('mesh', 'file'), '2nd.msh'), (('fixed', 'left wall'), 'xy'))
     """
+    if "\0" in given or given.encode(errors="replace") != given.encode(errors="surrogatepass"):
+        raise _not_set(given, "it has bytes that are no UTF-8, or a zero byte; expected text")
     path, *values = split(given, "=", 1)
     text = "".join(values)
     if not path or not text:

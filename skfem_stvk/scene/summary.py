@@ -80,10 +80,10 @@ def summary(
         yield SummaryRow("reaction of all supports", f"{_vector(result.reaction().resultant)} {units.symbol('force')}")
     for name in built.reactions:
         yield SummaryRow(f"reaction of {name}", f"{_vector(curves[name].values[-1])} {units.symbol('force')}")
-    for name in (contact.name for contact in built.system.contacts):
-        state, pressure = result.contact(name), units.symbol("stress")
+    for state in result.contacts:
+        pressure = units.symbol("stress")
         force = f"{_vector(state.resultant)} {units.symbol('force')}, pressure up to {state.pressure.max():.6g} {pressure}"
-        yield SummaryRow(f"force of contact {name}", force, f"{state.area:.4g} {units.symbol('area')}" if state.area else "")
+        yield SummaryRow(f"force of contact {state.name}", force, f"{state.area:.4g} {units.symbol('area')}" if state.area else "")
     for name in ("strain", "kinetic"):
         if np.isfinite(energy := values.get(f"energy.{name}", np.nan)):
             yield SummaryRow(f"{name} energy", f"{energy:.6g} {units.symbol('energy')}")

@@ -126,9 +126,14 @@ class StaticResult:
         return contact_state(self.system, name, self.u, self.t)
 
     @cached_property
+    def contacts(self) -> tuple[ContactState, ...]:
+        """States of all contacts, as `contact` returns them."""
+        return contact_states(self.system, self.u, self.t)
+
+    @cached_property
     def state(self) -> State:
         """All fields, see `skfem_stvk.results.names()`: `state["green_strain"]` by element, `state.at_nodes("volume_ratio")`."""
-        return Fields.of(self.system).at(self.u, contacts=contact_states(self.system, self.u, self.t))
+        return Fields.of(self.system).at(self.u, contacts=self.contacts)
 
     def stress(self, measure: str = "cauchy", at: str = "elements") -> Array:
         """Return the stress [Pa] of a measure, (nt, 3, 3) or (nt,).

@@ -19,7 +19,7 @@ from ..elements import Element, rule_of
 from ..errors import MaterialError
 from ..mesh.displacements import finite_vector
 from ..mesh.points import sizes_at_points
-from ..terms import Body, EdgeNetwork
+from ..terms import Body
 from ..terms.spread import Spread
 from .pattern import FreeDofs, HasPattern, Pattern
 
@@ -171,11 +171,11 @@ class Mass(ABC):
         bare, mesh = (self.vertex <= 0) & self.free.any(axis=1), self._body.mesh
         if mesh.space.any(bool(bare.any())):
             reason = "no element there has a density. Give StVK(..., density=...)"
-            if any(isinstance(term, EdgeNetwork) and not term.laws for term in self._body.terms):
-                reason = "an EdgeNetwork of edges and coefficients has no elements. Make it by EdgeNetwork.of(mesh, StVK(..., density=...))"
+            if any(getattr(term, "laws", None) == () for term in self._body.terms):
+                reason = "an EdgeNetwork(edges, L) has no elements. Make it by EdgeNetwork.of(mesh, StVK(..., density=...))"
             raise MaterialError(
-                f"{mesh.name_nodes(bare)} of {mesh.space.count // mesh.d}: can move, but have no mass, because {reason}, fix all their "
-                "components, or leave them out of the mesh."
+                f"{mesh.name_nodes(bare)} of {mesh.space.count // mesh.d}: can move, but have no mass, because {reason}, fix all "
+                "their components, or leave them out of the mesh."
             )
 
     def __repr__(self) -> str:

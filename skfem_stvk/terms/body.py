@@ -15,6 +15,7 @@ from ..edges.elements import Quadrature
 from ..elements import Element
 from ..elements.element import named
 from ..errors import LoadError, MaterialError, name_ids
+from ..materials import Isotropic
 from ..mesh import ElementMesh
 from ..mesh.facets import facets_of, find_facets
 from ..mesh.points import sizes_of
@@ -115,6 +116,17 @@ class Body:
             ids = self.mesh.elements(term.region)
             modulus[ids] += term.confined_modulus(self.mesh, len(ids))
         return modulus
+
+    @cached_property
+    def young(self) -> Array:
+        """Young's modulus (nt,) [Pa] of the isotropic materials of all terms on each element; NaN without one."""
+        young = np.full(self.mesh.nt, np.nan)
+        for term in self.terms:
+            material = getattr(term, "material", None)
+            if isinstance(material, Isotropic):
+                ids = self.mesh.elements(term.region)
+                young[ids] = np.nan_to_num(young[ids]) + np.broadcast_to(material.young, len(ids))
+        return young
 
     @property
     def volumes(self) -> Array:

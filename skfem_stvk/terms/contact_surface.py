@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from ..arguments import Array, shown
 from ..elements import Element
 from ..errors import ContactError, RegionError, name_ids, name_known
-from ..materials import Isotropic
 from ..mesh.facets import Cells, facets_of, find_facets, outer_facets
 from ..mesh.locations import Where, describe, facets_at
 from .body import Body
@@ -95,14 +94,7 @@ def remaining_surface(
 
 def young_of(body: Body, elements: NDArray[np.int64], label: str, expected: str) -> Array:
     """Return Young's modulus (n,) [Pa] of elements, from all terms on each; raise ContactError with what is expected without it."""
-    mesh: Any = body.mesh
-    young = np.full(mesh.nt, np.nan)
-    for term in body.terms:
-        material = getattr(term, "material", None)
-        if isinstance(material, Isotropic):
-            ids = mesh.elements(term.region)
-            young[ids] = np.nan_to_num(young[ids]) + np.broadcast_to(material.young, len(ids))
-    E = young[elements]
+    E = body.young[elements]
     if np.isnan(E).any():
         raise ContactError(
             f"{label}: {name_ids(np.unique(elements[np.isnan(E)]), 'element')} without Young's modulus, from which the default "

@@ -303,7 +303,7 @@ class CanPenetrate(Protocol):
         """
 
     def too_soft(self, impact: float) -> str:
-        """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, or an empty text."""
+        """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, else ""."""
 
 
 @runtime_checkable

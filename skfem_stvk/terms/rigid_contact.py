@@ -250,12 +250,9 @@ class BoundRigidContact:
         return float(kernels.step_limit(self._surface, self._shape, self._shift, np.zeros(3), u, v))
 
     def too_soft(self, impact: float) -> str:
-        """Return a sentence if a body gets farther than halfway through the shape, or an empty text.
+        """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, else "".
 
-        Parameters
-        ----------
-        impact
-            `v sqrt(rho h)` of a body of this speed, density and height: its depth is `v sqrt(rho h/k)`.
+        The depth of a body of this speed, density and height is `v sqrt(rho h/k)`.
         """
         total, half = self._body.mesh.space.total, self.contact.shape.thickness / 2
         k = total(float(self._weights.sum())) / total(float(self.areas.sum()))
@@ -263,8 +260,8 @@ class BoundRigidContact:
         if depth <= half:
             return ""
         return (
-            f" The contact {self.name!r} is too soft: with its stiffness of {k:.3g} [N/m^3] the body gets {depth:.3g} m deep; expected "
-            f"less than half of the thickness of the shape, {half:.3g} m. Take a larger stiffness."
+            f" The contact {self.name!r} is too soft: with its stiffness of {k:.3g} [N/m^3] the body gets {depth:.3g} m deep; "
+            f"expected less than half of the thickness of the shape, {half:.3g} m. Take a larger stiffness."
         )
 
     def refuse_start(self, u: Array) -> None:

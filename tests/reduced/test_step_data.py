@@ -252,4 +252,4 @@ def test_the_page_contains_the_whole_layout():
     for name, one in LAYOUT.items():
         assert f"| `{name}` | {' x '.join(one.sizes)} | {one.unit} | {one.what} |" in page, name
     lines = len((DOCS / "reduced.c").read_text().splitlines())
-    assert FIRST_LINE in page and f"in {lines} lines of C or" in page
+    assert FIRST_LINE in page and f"in {lines} lines of C\nor C++" in page

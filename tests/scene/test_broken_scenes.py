@@ -757,6 +757,20 @@ def test_data_and_settings_that_are_nested_too_deep_are_refused():
         SceneSource.of({}).changed([100_000 * "a." + "a=1"])
 
 
+@pytest.mark.parametrize("setting", ["title=\udcff", "places.\udcff.type=plane", "title=a\0b"])
+def test_settings_that_are_no_text_are_refused(setting, tmp_path, capsys):
+    """Bytes that are no UTF-8 are half pairs in the arguments of a command; no file could hold them."""
+    (tmp_path / "scene.toml").write_text(GOOD)
+    for command in ("solve", "sweep", "info"):
+        assert main([command, str(tmp_path / "scene.toml"), "--set", setting]) == 2
+        printed = capsys.readouterr()
+        assert "bytes that are no UTF-8, or a zero byte; expected text" in " ".join((printed.err + printed.out).split())
+    with pytest.raises(SceneError, match="zero byte"):
+        Scene.read(tmp_path / "scene.toml", [setting])
+    assert [file.name for file in tmp_path.iterdir()] == ["scene.toml"]
+    assert Scene.read(tmp_path / "scene.toml", ["title=größer \U0001f600"]).sections.title == "größer \U0001f600"
+
+
 def test_a_message_about_a_wrong_name_lists_at_most_a_hundred_known_names():
     """A message names the first hundred known names and the number of the others."""
     complaint = name_known("k", (f"p{n}" for n in range(5_000)))

@@ -1,7 +1,9 @@
 """Solved scenes give the results of the same program, survive interruptions, and return the documented exit codes."""
 
+import cProfile
 import json
 import os
+import pstats
 import re
 import resource
 import signal
@@ -309,6 +311,40 @@ def test_an_unreadable_summary_is_an_error(content, tmp_path, capsys):
     assert "holds the results of a run that has no readable summary. --force replaces them" in " ".join(
         capsys.readouterr().err.split()
     )
+
+
+@pytest.mark.parametrize("name", ["summary.json", "resolved.toml"])
+def test_an_endless_file_of_an_earlier_run_is_replaced_without_reading_it(name, tmp_path):
+    path = scene(tmp_path, MODES)
+    assert main(["solve", str(path), "--quiet"]) == 0
+    with (tmp_path / "beam" / name).open("wb") as file:
+        file.truncate(2**40)
+    assert main(["solve", str(path), "--quiet"]) == 2
+    assert main(["solve", str(path), "--quiet", "--force"]) == 0
+    assert all((tmp_path / "beam" / one).stat().st_size < 10**6 for one in ("summary.json", "resolved.toml"))
+
+
+def test_the_work_for_contacts_grows_with_their_number():
+    """The number of calls of functions, which unlike a time is the same on each machine."""
+
+    def calls(count):
+        contact = {"type": "rigid-contact", "on": "left", "shape": {"type": "plane", "normal": [1.0, 0.0]}}
+        contacts = [contact | {"name": f"c{n}", "shape": contact["shape"] | {"point": [-1.0 - n, 0.0]}} for n in range(count)]
+        data = {
+            "mesh": {"type": "box", "size": [1.0, 1.0], "cells": [2, 2]},
+            "materials": {"m": {"model": "isotropic", "young": 1.0, "poisson": 0.3, "density": 1.0}},
+            "terms": [{"type": "stvk", "material": "m"}, {"type": "traction", "on": "top", "traction": [0.0, 0.1]}, *contacts],
+            "fixed": {"bottom": "xy"},
+            "analysis": {"type": "static", "steps": 1},
+        }
+        with cProfile.Profile() as profile:
+            outcome = Scene.of_data(data).solve(quiet=True)
+        assert outcome.success and outcome.values[f"c{count - 1}.x"] == 0.0
+        return pstats.Stats(profile).total_calls
+
+    calls(2)
+    few, some, many = calls(20), calls(40), calls(80)
+    assert many - some < 2.1 * (some - few)
 
 
 def test_a_solve_without_convergence_is_reported_and_retains_its_states(tmp_path):

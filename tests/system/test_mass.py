@@ -217,7 +217,7 @@ def test_a_network_without_laws_names_how_to_give_it_mass():
     mesh = MESHES["triangles"]
     made = EdgeNetwork.of(mesh, StVK(young=2.0, poisson=0.3, density=3.0))
     with pytest.raises(
-        MaterialError, match=r"no mass, because an EdgeNetwork of edges and coefficients .*EdgeNetwork\.of\(mesh, StVK"
+        MaterialError, match=r"no mass, because an EdgeNetwork\(edges, L\) has no elements.*EdgeNetwork\.of\(mesh, StVK"
     ):
         System(mesh, EdgeNetwork(made.edges, made.L)).mass()
     assert System(mesh, made).mass().total == pytest.approx(3.0 * volumes(mesh).sum())

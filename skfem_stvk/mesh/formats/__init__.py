@@ -60,7 +60,7 @@ def refused(path: Path) -> str | None:
     """Return the name of the format of a file if the format is refused."""
     if path.suffix.lower() == ".msh":
         with Source(path) as source:
-            return "Fluent" if source.line().startswith("(") else None
+            return "Fluent" if source.file.read(1000).lstrip().startswith(b"(") else None
     return REFUSED.get(path.suffix.lower(), REFUSED.get("".join(path.suffixes[-2:]).lower()))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import name_ids
 from ..groups import node_count
-from .source import Damaged, Source, check_known, check_last_line, check_unique, regular
+from .source import Damaged, Source, check_known, check_last_line, check_unique
 
 Ids = NDArray[np.int64]
 #: Keyword, options and data lines in words.
@@ -36,7 +36,7 @@ TYPES = {
 KINDS = {name: kind for kind, names in TYPES.items() for name in names.split()}
 #: Maximum depth of included files, and their maximum number.
 DEEPEST, MOST_FILES = 8, 100
-INCLUDE = re.compile(rb"^[ \t]*\*[ \t]*INCLUDE\b.*$", re.IGNORECASE | re.MULTILINE)
+INCLUDE = re.compile(rb"[ \t]*\*[ \t]*INCLUDE\b", re.IGNORECASE)
 
 
 def read(path: Path) -> meshio.Mesh:
@@ -53,13 +53,19 @@ def read(path: Path) -> meshio.Mesh:
     order = np.argsort(nodes)
     data = [(kind, order[np.searchsorted(nodes, table, sorter=order)]) for kind, table in cells]
     data = [(kind, middle_last(table, points) if kind == "line3" else table) for kind, table in data]
-    named = sets_of(parts, "ELSET", every)
+    named, blocks = sets_of(parts, "ELSET", every), [(block, np.argsort(block)) for block in ids]
     return meshio.Mesh(
         points,
         data,
-        point_sets={name: np.flatnonzero(np.isin(nodes, members)) for name, members in sets_of(parts, "NSET", nodes).items()},
-        cell_sets={name: [np.flatnonzero(np.isin(block, members)) for block in ids] for name, members in named.items()},
+        point_sets={name: indices_of(nodes, order, members) for name, members in sets_of(parts, "NSET", nodes).items()},
+        cell_sets={name: [indices_of(*block, members) for block in blocks] for name, members in named.items()},
     )
+
+
+def indices_of(ids: Ids, order: Ids, members: Ids) -> Ids:
+    """Return the ascending indices, among different ids in ascending `order`, of those that are members."""
+    found = order[np.minimum(np.searchsorted(ids, members, sorter=order), len(ids) - 1)]
+    return np.sort(found[ids[found] == members])
 
 
 def included(path: Path) -> Iterator[Path]:
@@ -96,7 +102,7 @@ def elements_of(parts: list[Section], nodes: Ids) -> tuple[list[tuple[str, Ids]]
         if bad := [row[0] for row in rows if len(row) != 1 + n]:
             raise Damaged(f"{name_ids(bad, 'element')}: not the {n} nodes of the type {options['TYPE'][:40]}")
         table = np.array(rows, dtype=np.int64).reshape(-1, 1 + n)
-        check_known(table[:, 1:], nodes, "node", "its elements")
+        check_known(table[:, 1:], np.sort(nodes), "node", "its elements")
         cells.append((kind, table[:, 1:]))
         ids.append(table[:, 0])
     return cells, ids
@@ -128,7 +134,7 @@ def records(lines: list[list[str]]) -> Iterator[list[str]]:
 
 def sets_of(parts: list[Section], kind: str, known: Ids) -> dict[str, Ids]:
     """Return ids of the members of each set by name."""
-    sets: dict[str, Ids] = {}
+    sets, known = SetsByName(), np.sort(known)
     for keyword, options, lines in parts:
         members: Ids = np.empty(0, dtype=np.int64)
         if kind not in options:
@@ -140,12 +146,12 @@ def sets_of(parts: list[Section], kind: str, known: Ids) -> dict[str, Ids]:
             members = members_of(kind, options, lines, sets, known)
         else:
             continue
-        name = same_name(options[kind], sets)
+        name = sets.written(options[kind])
         sets[name] = np.union1d(sets.get(name, members), members).astype(np.int64)
     return sets
 
 
-def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets: dict[str, Ids], known: Ids) -> Ids:
+def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets: SetsByName, known: Ids) -> Ids:
     """Return ids of an `*ELSET` or `*NSET` section."""
     what = "element" if kind == "ELSET" else "node"
     members = [np.empty(0, dtype=np.int64)]
@@ -156,12 +162,12 @@ def members_of(kind: str, options: dict[str, str], lines: list[list[str]], sets:
             continue
         named = [word for word in words if not word.lstrip("+-").isdigit()]
         for word in named:
-            if same_name(word, sets) not in sets:
+            if sets.written(word) not in sets:
                 raise Damaged(
                     f"{what.capitalize()} set {options[kind][:60]!r} names the set {word[:60]!r}, which is not defined above it. "
                     f"Move or add its *{kind}"
                 )
-            members.append(sets[same_name(word, sets)])
+            members.append(sets[sets.written(word)])
         others = [word for word in words if word not in named]
         members.append(np.array(whole(others) if others else [], dtype=np.int64))
     found = np.concatenate(members)
@@ -179,9 +185,15 @@ def generated(words: list[str], what: str, known: Ids) -> Ids:
     return known[(known >= first) & (known <= last) & ((known - first) % step == 0)]
 
 
-def same_name(name: str, sets: dict[str, Ids]) -> str:
-    """Return the name as it was first written: upper and lower case count as the same."""
-    return next((known for known in sets if known.upper() == name.upper()), name)
+class SetsByName(dict[str, Ids]):
+    """Sets by the name that was written first: upper and lower case count as the same."""
+
+    def __init__(self) -> None:
+        self._first: dict[str, str] = {}
+
+    def written(self, name: str) -> str:
+        """Return the name as it was first written."""
+        return self._first.setdefault(name.upper(), name)
 
 
 def whole(words: list[str]) -> list[int]:
@@ -218,7 +230,7 @@ class Files:
         with Source(path) as source:
             check_last_line(source.file)
             source.file.seek(0)
-            for raw in source.file:
+            for raw in iter(source.raw_line, b""):
                 line = raw.decode(errors="replace").strip()
                 if not line or line.startswith("**"):
                     continue
@@ -230,8 +242,9 @@ class Files:
     def every(self, path: Path, depth: int = 0) -> Iterator[Path]:
         """Yield the files that a file includes, and the files that these include."""
         self.enter(path, depth)
-        regular(path)
-        for line in INCLUDE.findall(path.read_bytes()):
+        with Source(path) as source:
+            lines = [raw for raw in iter(source.raw_line, b"") if INCLUDE.match(raw)]
+        for line in lines:
             found = self.included(head_of(line.decode(errors="replace").strip())[1].get("INPUT", ""))
             yield found
             yield from self.every(found, depth + 1)

@@ -10,7 +10,7 @@ from meshio.gmsh import gmsh_to_meshio_type
 from numpy.typing import NDArray
 
 from ..groups import node_count
-from .source import Damaged, Source, check_known, check_unique, count_of
+from .source import LONGEST, Damaged, Source, check_known, check_unique, count_of
 
 Ids = NDArray[np.int64]
 #: meshio makes arrays as long as the largest tag of a node. Tags larger than this and the size of the file are refused.
@@ -74,7 +74,7 @@ class Sections:
 
     def skip(self, name: str) -> None:
         """Skip a section that is not needed."""
-        for raw in iter(self.source.file.readline, b""):
+        for raw in iter(lambda: self.source.file.readline(LONGEST), b""):  # binary numbers may have no end of a line
             if raw.strip() == f"$End{name}".encode():
                 return
         raise Damaged(f"${name[:60]} not closed by $End{name[:60]}")
@@ -180,7 +180,7 @@ class Sections:
         if self.nodes is None:
             raise Damaged("its $Elements come before its $Nodes")
         for _, nodes in blocks:
-            check_known(nodes, self.nodes, "node", "its elements")
+            check_known(nodes, np.sort(self.nodes), "node", "its elements")
         self.elements = np.concatenate([np.empty(0, dtype=np.int64), *(ids for ids, _ in blocks)])
         check_unique(self.elements, "element")
         if len(self.elements) != count:

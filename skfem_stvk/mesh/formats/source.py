@@ -12,6 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import name_ids
 
+#: Most bytes of a line of text.
+LONGEST = 1_000_000
 #: Declared numbers of nodes and of elements; None for an undeclared number.
 Counts = tuple[int | None, int | None]
 
@@ -43,9 +45,16 @@ class Source:
         """Number of bytes that are not read yet."""
         return self.size - self.file.tell()
 
+    def raw_line(self) -> bytes:
+        """Return the next line with its end, empty at the end of the file; `Damaged` if it is too long."""
+        raw = self.file.readline(LONGEST + 1)
+        if len(raw) > LONGEST:
+            raise Damaged(f"it has a line of more than {LONGEST} bytes; expected lines of text")
+        return raw
+
     def line(self) -> str:
         """Return the next line that is not blank, without blanks around it; empty at the end of the file."""
-        for raw in iter(self.file.readline, b""):
+        for raw in iter(self.raw_line, b""):
             text = raw.decode(errors="replace").strip()
             if text and not text.startswith(self.comments or "\0"):
                 return text
@@ -124,8 +133,9 @@ def check_unique(ids: ArrayLike, what: str) -> None:
 
 
 def check_known(ids: NDArray[Any], known: NDArray[Any], what: str, of: str) -> None:
-    """Refuse ids that are not among the known ones."""
-    if len(missing := np.setdiff1d(ids, known)):
+    """Refuse ids that are not among the known ones, which are ascending."""
+    at = np.minimum(np.searchsorted(known, ids), len(known) - 1)
+    if len(missing := np.unique(ids[known[at] != ids] if len(known) else ids)):
         raise Damaged(f"{of}: {name_ids(_plain(missing), what)} not defined")
 
 

@@ -220,7 +220,8 @@ def nastran(path: Path) -> Counts:
     """Return the number of nodes and elements of Nastran's bulk data; refuse other coordinate systems."""
     with Source(path) as source:
         check_last_line(source.file)
-    every = path.read_text(errors="replace").splitlines()
+        source.file.seek(0)
+        every = b"".join(iter(source.raw_line, b"")).decode(errors="replace").splitlines()
     lines = [line for line in every if line.strip() and not line.startswith(("$", "//", "#"))]
     starts = [number for number, line in enumerate(lines) if line.startswith("BEGIN BULK")]
     ends = [number for number, line in enumerate(lines) if line.startswith("ENDDATA")]

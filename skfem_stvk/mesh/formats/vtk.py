@@ -33,7 +33,7 @@ def read(path: Path) -> meshio.Mesh:
     with Source(path) as source:
         if not source.line().startswith("# vtk DataFile Version"):
             raise Damaged("it does not begin with '# vtk DataFile Version'")
-        source.file.readline()  # the title
+        source.raw_line()  # the title
         form = source.line().upper()
         if form not in ("ASCII", "BINARY"):
             raise Damaged(f"{form[:20]!r} was found; expected ASCII or BINARY")
@@ -84,7 +84,7 @@ class Grid:
             if self.count != expected:
                 raise Damaged(f"{word} declares {self.count} values for {expected} points or cells")
         elif word == "METADATA":
-            while self.source.file.readline().strip():
+            while self.source.raw_line().strip():
                 pass
         else:
             self.attribute(word, words)
@@ -180,7 +180,7 @@ class Grid:
         self.source.fits("lines of text", count, 1)
         for _ in range(count):
             if not self.source.binary:
-                self.source.file.readline()
+                self.source.raw_line()
                 continue
             head = self.source.file.read(1) or b"\xc0"  # the end of the file counts as a length of 0
             more = 2 ** (3 - (head[0] >> 6)) - 1

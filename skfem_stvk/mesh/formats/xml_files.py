@@ -22,7 +22,7 @@ import numpy as np
 from ...arguments import Array
 from ...errors import name_ids
 from ..groups import NODE_SET
-from .source import Counts, Damaged, count_of, regular
+from .source import Counts, Damaged, Source, count_of, regular
 from .vtk import mesh_of
 
 TYPES = {f"{name}{8 * size}": f"{kind}{size}" for name, kind in (("Int", "i"), ("UInt", "u")) for size in (1, 2, 4, 8)}
@@ -34,6 +34,9 @@ MOST = 100
 
 def read(path: Path) -> meshio.Mesh:
     """Read all pieces with their cell data of numbers, and the node sets that `write_mesh` writes."""
+    with Source(path) as source:
+        if not source.file.read(1000).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"<"):
+            raise Damaged("it does not begin with '<', as XML does")
     return Document(path.read_bytes()).mesh()
 
 

@@ -112,8 +112,9 @@ def input_files(table: Any, loc: tuple[str | int, ...] = ()) -> Iterator[tuple[t
         Key path of the table.
     """
     if isinstance(table, list | dict | Part):
+        keys = type(table).model_fields if isinstance(table, Part) else {}
         for name, value in enumerate(table) if isinstance(table, list) else dict(table).items():
-            if isinstance(value, str) and isinstance(table, Part) and is_input_file(type(table).model_fields[name]):
+            if isinstance(value, str) and name in keys and is_input_file(keys[str(name)]):
                 yield (*loc, name), value
             else:
                 yield from input_files(value, (*loc, name))
