@@ -219,7 +219,7 @@ OfRecord = TypeVar("OfRecord", bound=Record)
 def write_archive(path: Path, header: Mapping[str, Any], arrays: Mapping[str, Array]) -> None:
     """Replace the file, as `replacing` does."""
     text = json.dumps(header)
-    packed = {"header": np.array(text), "digest": np.array(_digest(text, arrays))}
+    packed = {"header": np.array(text), "digest": np.array(digest_of(text, arrays))}
     packed |= {ARRAY + name: array for name, array in arrays.items()}
     with replacing(path) as part, part.open("wb") as file:
         np.savez(file, **packed)  # type: ignore[arg-type]
@@ -235,7 +235,7 @@ def read_archive(
     try:
         text, digest, arrays = _unpacked(path, only_header)
         _check_known(json.loads(text), known)
-        if not only_header and digest != _digest(text, arrays):
+        if not only_header and digest != digest_of(text, arrays):
             raise ForeignFile("was changed after it was written.")
     except ForeignFile as error:
         raise ForeignFile(f"{path} {error} {remedy}") from None
@@ -281,7 +281,7 @@ def _unpacked(path: Path, only_header: bool) -> tuple[str, str, dict[str, Array]
     return text, digest, {name.removeprefix(ARRAY): array for name, array in named.items()}
 
 
-def _digest(header: str, arrays: Mapping[str, Array]) -> str:
+def digest_of(header: str, arrays: Mapping[str, Array]) -> str:
     """Return a digest that depends on the header and all arrays."""
     digest = hashlib.blake2b(header.encode(), digest_size=16)
     for name in sorted(arrays):
