@@ -178,7 +178,8 @@ class StepProblem(Equation):
             self.matrix.add_mean_force(w, force)
             force *= 2
         else:
-            self.motion.energy_and_force(u1, force)
+            with self.matrix.assuming(w):
+                self.motion.energy_and_force(u1, force)
         self._add_edge_damping(w, u1, force)
         return force
 

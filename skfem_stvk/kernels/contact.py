@@ -471,8 +471,27 @@ def step_limit(surface: Surface, shape: ShapeNumbers, shift: Reals, moved: Reals
 
 
 @inlined
-def _slip(x, past, i, q):
-    """Return the slip `d` of a point, relative to the shape, since the last accepted state."""
+def _displacement(N, t, i, q, u, shift):
+    """Return the displacement of a point, relative to that of the shape."""
+    x0, x1, x2 = -shift[0], -shift[1], -shift[2]
+    d = u.shape[1]
+    for a in range(t.shape[1]):
+        node, share = t[i, a], N[q, a]
+        x0 += share * u[node, 0]
+        if d > 1:
+            x1 += share * u[node, 1]
+        if d > 2:
+            x2 += share * u[node, 2]
+    return x0, x1, x2
+
+
+@inlined
+def _slip(N, t, i, q, u, shift, past):
+    """Return the slip `d` of a point, relative to the shape, since the last accepted state.
+
+    It is a difference of displacements: positions far from the origin would leave their rounding in it.
+    """
+    x = _displacement(N, t, i, q, u, shift)
     change = x[0] - past[i, q, 0], x[1] - past[i, q, 1], x[2] - past[i, q, 2]
     n = past[i, q, 4], past[i, q, 5], past[i, q, 6]
     return _difference(change, _times(_dot(change, n), n)), n
@@ -489,7 +508,6 @@ def _friction(y, width):
 @kernel
 def add_friction(
     surface: Surface,
-    shape: ShapeNumbers,
     shift: Reals,
     past: Reals,
     width: float,
@@ -500,17 +518,16 @@ def add_friction(
 ) -> float:
     """Add `factor` times the force against the slip to `f`, unless that is empty; return the work against it [J].
 
-    `past` (n, nq, 7) are position, largest friction [N] and normal of each point in the last accepted state. `secants` (n, nq), if
-    not empty, are forces per slip [N/m] in place of those of the slip.
+    `past` (n, nq, 7) are displacement, largest friction [N] and normal of each point in the last accepted state. `secants` (n, nq),
+    if not empty, are forces per slip [N/m] in place of those of the slip.
     """
-    N, t, X = surface
-    numbers = shape.numbers
+    N, t, _ = surface
     work = 0.0
     for i in range(len(t)):
         for q in range(len(N)):
             load = past[i, q, 3]
             if load > 0:
-                d, _ = _slip(_point(N, t, i, q, X, u, shift, numbers), past, i, q)
+                d, _ = _slip(N, t, i, q, u, shift, past)
                 y = sqrt(_dot(d, d))
                 c = secants[i, q] if len(secants) else load * _friction(y, width)[0]
                 work += c * y * y
@@ -520,22 +537,20 @@ def add_friction(
 
 
 @kernel
-def find_secants(surface: Surface, shape: ShapeNumbers, shift: Reals, past: Reals, width: float, u: Reals, out: Reals) -> None:
+def find_secants(surface: Surface, shift: Reals, past: Reals, width: float, u: Reals, out: Reals) -> None:
     """Write the force per slip (n, nq) [N/m] at `u`."""
-    N, t, X = surface
-    numbers = shape.numbers
+    N, t, _ = surface
     for i in range(len(t)):
         for q in range(len(N)):
             out[i, q] = 0.0
             if past[i, q, 3] > 0:
-                d, _ = _slip(_point(N, t, i, q, X, u, shift, numbers), past, i, q)
+                d, _ = _slip(N, t, i, q, u, shift, past)
                 out[i, q] = past[i, q, 3] * _friction(sqrt(_dot(d, d)), width)[0]
 
 
 @kernel
 def add_friction_blocks(
     surface: Surface,
-    shape: ShapeNumbers,
     shift: Reals,
     past: Reals,
     width: float,
@@ -545,13 +560,12 @@ def add_friction_blocks(
     blocks: Blocks,
 ) -> None:
     """Add `factor` times the derivative of the force of `add_friction`, which is symmetric and positive semi-definite."""
-    N, t, X = surface
-    numbers = shape.numbers
+    N, t, _ = surface
     for i in range(len(t)):
         for q in range(len(N)):
             load = past[i, q, 3]
             if load > 0:
-                d, n = _slip(_point(N, t, i, q, X, u, shift, numbers), past, i, q)
+                d, n = _slip(N, t, i, q, u, shift, past)
                 y = sqrt(_dot(d, d))
                 c, along = 0.0, 0.0
                 if len(secants):
@@ -575,7 +589,7 @@ def add_friction_blocks(
 def remember(
     surface: Surface, weights: Reals, shape: ShapeNumbers, shift: Reals, e: float, u: Reals, coefficient: float, past: Reals
 ) -> None:
-    """Write position, largest friction `coefficient w psi'` [N] and normal of each point at an accepted state to `past`."""
+    """Write displacement, largest friction `coefficient w psi'` [N] and normal of each point at an accepted state to `past`."""
     N, t, X = surface
     kind, numbers = shape
     for i in range(len(t)):
@@ -583,5 +597,6 @@ def remember(
             x = _point(N, t, i, q, X, u, shift, numbers)
             g, n = _gap(kind, numbers, x)
             load = coefficient * weights[i, q] * _penalty(-g, e)[1] if g < 0 else 0.0
-            past[i, q, 0], past[i, q, 1], past[i, q, 2], past[i, q, 3] = x[0], x[1], x[2], load
+            past[i, q, 0], past[i, q, 1], past[i, q, 2] = _displacement(N, t, i, q, u, shift)
+            past[i, q, 3] = load
             past[i, q, 4], past[i, q, 5], past[i, q, 6] = n

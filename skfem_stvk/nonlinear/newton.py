@@ -154,6 +154,8 @@ class _Descent:
                     return u, End.NO_DESCENT
                 moved = self._moved(u, v, residual, inverted)
                 if isinstance(moved, End):
+                    if moved is End.NO_LENGTH and residual.size <= problem.round_off(u, t):
+                        moved, record.negative_pivots = End.AT_ROUND_OFF, problem.negative_pivots()
                     return u, moved
                 u, before = moved, residual
                 residual = problem.residual(u, t)

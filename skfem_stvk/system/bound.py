@@ -275,15 +275,22 @@ class BoundTerms:
             term.refuse_start(self._state(u))
 
     @contextmanager
-    def assuming(self, what: Assumption) -> Iterator[None]:
-        """Let tangents contain what contacts would add under an assumption, within the block; states are (nv, d)."""
+    def assuming(self, what: Assumption, friction: float = 1.0) -> Iterator[None]:
+        """Let tangents contain what contacts would add under an assumption, within the block; states are (nv, d).
+
+        Friction acts with the factor `friction` there.
+        """
         for term in self.contacts:
             term.assumed = what
+        for rubbing in self.working_contacts:
+            rubbing.friction_factor = friction
         try:
             yield
         finally:
             for term in self.contacts:
                 term.assumed = None
+            for rubbing in self.working_contacts:
+                rubbing.friction_factor = 1.0
 
     def passed_contact(self, u0: ArrayLike, u1: ArrayLike) -> str:
         """Return the name of a contact that is passed through from `u0` to `u1` over the present step; "" if there is none."""

@@ -15,7 +15,8 @@ class Friction(Specification):
 
     The slip is that since the last accepted state, across the normal there, relative to the shape. The normal force N is that of
     the last accepted state, so that friction lags behind by a step. Its stiffness is symmetric. In motions the width is
-    `slip_speed` times the step: a body that sticks creeps slower than that.
+    `slip_speed` times the step: a body that sticks creeps slower than that. Explicit integrators take smaller steps where friction
+    rises steeply, down to `mass slip_speed/(coefficient N)` of a node.
 
     Parameters
     ----------

@@ -26,6 +26,7 @@ from .rigid_mesh import RigidMesh, winding_numbers
 
 #: Numbers of Gauss points over a step at which its mean force is evaluated, until its work fits within `WORK` of the energy.
 POINTS, WORK = (2, 4, 8, 16), 1e-6
+EPS = float(np.finfo(float).eps)
 #: Pairs of nodes that are not in contact stay in K until they are this fraction of all.
 UNUSED = 0.25
 
@@ -150,6 +151,8 @@ class Mean(NamedTuple):
         (n,) Gauss points between 0 and 1, and their weights.
     states
         Collisions at the points.
+    error
+        Relative error of the force by round-off of the energies to which it is scaled.
     """
 
     x0: Array
@@ -158,6 +161,7 @@ class Mean(NamedTuple):
     points: Array
     weights: Array
     states: list[Collisions]
+    error: float
 
 
 class ContactBlocks(NamedTuple):
@@ -199,6 +203,7 @@ class BoundMeshContact:
     """
 
     symmetric = has_energy = is_barrier = True
+    friction_factor = 1.0
     nodes_joined = np.empty((2, 0), dtype=np.int32)
     shape = None
 
@@ -210,8 +215,8 @@ class BoundMeshContact:
         self._start: Array | None = None  # displacements (nv, d) at the beginning of the step, with friction [m]
         self._last_collisions: Collisions | None = None
         self._last_mean: Mean | None = None
-        self._rubbing: tuple[Array, Array, Any] | None = None  # `_start`, positions (m, d) then, and the collisions that rub
-        self._last_blocks: tuple[tuple[Array, ...], bool, ContactBlocks] | None = None  # positions, and whether it is clamped
+        self._rubbing: tuple[Array, Any] | None = None  # `_start`, and the collisions that rub
+        self._last_blocks: tuple[Any, tuple[Array, ...], ContactBlocks] | None = None  # key, displacements of its nodes, and blocks
         self._d, self._rigid = body.mesh.d, contact.second if isinstance(contact.second, RigidMesh) else None
         self.balanced = self._rigid is None
         one = contact.second is None or not self.balanced
@@ -369,14 +374,15 @@ class BoundMeshContact:
     def _blocks_at(self, u: Array, clamped: bool) -> ContactBlocks:
         """Return the blocks at `u`, or those of the mean force if that is assumed; computed once."""
         states = self.assumed if isinstance(self.assumed, tuple) else (u,)
-        xs = tuple(self._moved(state) for state in states)
+        own, key = tuple(state[self._nodes] for state in states), (clamped, len(states), self.friction_factor)
         last = self._last_blocks
-        if last is None or last[1] != clamped or len(last[0]) != len(xs) or not np.array_equal(last[0], xs):
-            self._last_blocks = last = xs, clamped, self._sorted_blocks(self._stiffness_at(xs, clamped))
+        if last is None or last[0] != key or not np.array_equal(last[1], own):
+            self._last_blocks = last = key, own, self._sorted_blocks(self._stiffness_at(states, clamped))
         return last[2]
 
-    def _stiffness_at(self, xs: tuple[Array, ...], clamped: bool) -> csr_matrix:
+    def _stiffness_at(self, states: tuple[Array, ...], clamped: bool) -> csr_matrix:
         """Return the stiffness (d m, d m) at a state, or twice the derivative of the mean force between two by the second one."""
+        xs = tuple(self._moved(state) for state in states)
         if len(xs) == 1:
             return self._barrier.stiffness(self._collisions(xs[0]), clamped)
         mean, K = self._mean(*xs), csr_matrix((xs[0].size,) * 2)
@@ -404,6 +410,9 @@ class BoundMeshContact:
         at = self._collisions(self._moved(u))
         K = self._barrier.stiffness(at, clamped=False)
         sums = (abs(K) @ np.abs(at.x).ravel()).reshape(-1, self._d) + np.abs(self._barrier.force(at))
+        if isinstance(self.assumed, tuple):
+            mean = self._mean(*(self._moved(state) for state in self.assumed))
+            sums += 2 * mean.error / EPS * np.abs(mean.force)
         out[self._nodes] += self._on_body(sums)
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
@@ -425,9 +434,11 @@ class BoundMeshContact:
             work, size = float((force * d).sum()), float(np.abs(force * d).sum()) + abs(change)
             if abs(work - change) <= WORK * size:
                 break
-        if abs(work) > 1e-3 * size:  # otherwise the force does hardly any work, and its error is as small
+        round_off, error = EPS * float((np.abs(force) * np.abs(x1)).sum()), 0.0  # of the energies, since positions are rounded
+        if abs(work) > 1e-3 * size and abs(work - change) > round_off:  # otherwise the error of its work is as small
             force *= change / work
-        self._last_mean = mean = Mean(x0, x1, force, points, weights, states)
+            error = round_off / abs(work)
+        self._last_mean = mean = Mean(x0, x1, force, points, weights, states, error)
         return mean
 
     def contact_limit(self, u: Array, v: Array) -> float:
@@ -547,39 +558,57 @@ class MeshContactWithFriction(BoundMeshContact):
         super().commit(u, t)
         self._start, self._last_blocks = u.copy(), None
 
-    def _slip(self, x: Array) -> tuple[Any, Array, float] | None:
-        """Return the arguments of friction at `x` (m, d); None in the state at the beginning of a step, where it is zero."""
+    def _slip(self, u: Array) -> tuple[Any, Array, float] | None:
+        """Return the arguments of friction at `u` (nv, d); None in the state at the beginning of a step, where it is zero.
+
+        The slip is a difference of displacements: positions far from the origin would leave their rounding in it.
+        """
         if self._start is None or not self._width > 0:
             return None
         if self._rubbing is None or self._rubbing[0] is not self._start:
-            start = self._moved(self._start)
-            rubbing = self._barrier.rubbing(self._collisions(start), self._friction.coefficient)
-            self._rubbing = self._start, start, rubbing
-        return self._rubbing[2], x - self._rubbing[1], self._width
+            touching = self._collisions(self._moved(self._start))
+            self._rubbing = self._start, self._barrier.rubbing(touching, self._friction.coefficient)
+        slip = np.zeros_like(self._X)
+        slip[: len(self._nodes)] = (u - self._start)[self._nodes]
+        return self._rubbing[1], slip, self._width
 
-    def _friction_at(self, x: Array) -> Array:
+    def _friction_at(self, u: Array) -> Array:
         """Return the friction (n, d) [N] on the body, as an internal force."""
-        slip = self._slip(x)
-        return self._on_body(np.zeros_like(x) if slip is None else self._barrier.friction(*slip))
+        slip = self._slip(u)
+        return np.zeros((len(self._nodes), self._d)) if slip is None else self._on_body(self._barrier.friction(*slip))
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         if force is not None:
-            force[self._nodes] += self._friction_at(self._moved(u))
+            force[self._nodes] += self.friction_factor * self._friction_at(u)
         return super().energy_and_force(u, force)
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        force[self._nodes] += sum(weights) * self._friction_at(self._moved(u1))
+        force[self._nodes] += sum(weights) * self._friction_at(u1)
         return super().mean_force(u0, u1, weights, theta, force)
 
-    def _stiffness_at(self, xs: tuple[Array, ...], clamped: bool) -> csr_matrix:
-        K, slip = super()._stiffness_at(xs, clamped), self._slip(xs[-1])
-        return K if slip is None else K + len(xs) * self._barrier.friction_stiffness(*slip)
+    def _stiffness_at(self, states: tuple[Array, ...], clamped: bool) -> csr_matrix:
+        K, slip = super()._stiffness_at(states, clamped), self._slip(states[-1])
+        factor = self.friction_factor if len(states) == 1 else 2.0
+        return K if slip is None else K + factor * self._barrier.friction_stiffness(*slip)
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add that of the barrier, and the stiffness of friction times the displacements that the slip subtracts [N]."""
+        super().add_round_off(u, out)
+        slip = self._slip(u)
+        if slip is not None:
+            largest = np.full(self._X.size, np.abs(u[self._nodes]).max())
+            rubbing = self.friction_factor * (abs(self._barrier.friction_stiffness(*slip)) @ largest)
+            out[self._nodes] += self._on_body(rubbing.reshape(-1, self._d))
 
     def predict(self, u: Array) -> None:
         """Do nothing: linear steps are refused."""
+
+    def drag(self, u: Array) -> Array:
+        """Return zeros: explicit steps are refused."""
+        return np.zeros(len(u))
 
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return no external work, and the work [J] against friction from the last accepted state to `u1`."""
         if self._start is None:
             return 0.0, 0.0
-        return 0.0, float((self._friction_at(self._moved(u1)) * (u1 - self._start)[self._nodes]).sum())
+        return 0.0, float((self._friction_at(u1) * (u1 - self._start)[self._nodes]).sum())

@@ -300,12 +300,18 @@ class DoesWork(Protocol):
     ----------
     has_friction
         Whether it dissipates energy by friction.
+    friction_factor
+        Factor of friction in `energy_and_force` and `add_blocks`; `System.assuming` sets it for the equation of a step.
     """
 
     has_friction: bool
+    friction_factor: float
 
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return the work [J] on the body, and the dissipated energy, from the last accepted state `u0` (nv, d) to `u1`."""
+
+    def drag(self, u: Array) -> Array:
+        """Return the largest friction per speed (nv,) [N s/m] of each node in a step from `u` (nv, d), for explicit steps."""
 
     def predict(self, u: Array) -> None:
         """Make friction linear, with the force per slip at `u` (nv, d), until the next state is accepted: for linear steps."""

@@ -162,6 +162,7 @@ class BoundRigidContact:
 
     symmetric = has_energy = True
     balanced = is_barrier = False
+    friction_factor = 1.0
     nodes_joined = np.empty((2, 0), dtype=np.int32)
 
     def __init__(self, contact: RigidContact, body: Body) -> None:
@@ -313,8 +314,8 @@ class BoundRigidContact:
 class RigidContactWithHistory(BoundRigidContact):
     """Contact with a shape that moves, or with friction.
 
-    The history is the displacement (3,) of the shape at the beginning of the step, and its time. With friction, the position, the
-    largest friction [N] and the normal of each point follow, (n, nq, 7).
+    The history is the displacement (3,) of the shape at the beginning of the step, and its time. With friction, the displacement,
+    the largest friction [N] and the normal of each point follow, (n, nq, 7).
     """
 
     def __init__(self, contact: RigidContact, body: Body) -> None:
@@ -345,7 +346,7 @@ class RigidContactWithHistory(BoundRigidContact):
 
     @property
     def _past(self) -> Array:
-        """Position, largest friction and normal of each point (n, nq, 7)."""
+        """Displacement, largest friction and normal of each point (n, nq, 7)."""
         return self._history[4:].reshape(*self.areas.shape, 7)
 
     def with_new_history(self, in_time: bool) -> RigidContactWithHistory:
@@ -384,19 +385,19 @@ class RigidContactWithHistory(BoundRigidContact):
         return self.has_friction and self._width > 0
 
     @property
-    def _slipped(self) -> tuple[kernels.ShapeNumbers, Array, Array, float]:
+    def _slipped(self) -> tuple[Array, Array, float]:
         """Arguments of the kernels of friction."""
-        return self._shape, self._shift, self._past, self._width
+        return self._shift, self._past, self._width
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         if force is not None and self._slips:
-            kernels.add_friction(self._surface, *self._slipped, self._secants, u, 1.0, force)
+            kernels.add_friction(self._surface, *self._slipped, self._secants, u, self.friction_factor, force)
         return super().energy_and_force(u, force)
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
         super().add_blocks(u, blocks, kept)
-        if self._slips and self.assumed is not Assumed.APART:
-            end, factor = (self.assumed[1], 2.0) if isinstance(self.assumed, tuple) else (u, 1.0)
+        if self._slips and not isinstance(self.assumed, Assumed):
+            end, factor = (self.assumed[1], 2.0) if isinstance(self.assumed, tuple) else (u, self.friction_factor)
             slipped = *self._slipped, self._secants
             kernels.add_friction_blocks(self._own_surface, *slipped, end[self.nodes], factor, self._into(blocks))
 
@@ -408,8 +409,30 @@ class RigidContactWithHistory(BoundRigidContact):
     def predict(self, u: Array) -> None:
         """Use the force per slip at `u` (nv, d) for all slips until the next state is accepted."""
         if self._slips:
-            self._secants = np.zeros(self.areas.shape)
-            kernels.find_secants(self._surface, *self._slipped, u, self._secants)
+            self._secants = self._secants_at(u)
+
+    def drag(self, u: Array) -> Array:
+        """Return the largest friction per speed (nv,) [N s/m] of each node in a step from `u` (nv, d)."""
+        (N, t, _), drag, friction = self._surface, np.zeros(len(u)), self.contact.friction
+        if friction is not None and friction.slip_speed is not None:  # the slope of f1 at zero is 2
+            slopes = 2 * friction.coefficient / friction.slip_speed * self._gaps(self._surface, self._weights, u)[1]
+            np.add.at(drag, t, (slopes * np.abs(N).sum(axis=1)) @ np.abs(N))
+        return drag
+
+    def _secants_at(self, u: Array) -> Array:
+        """Return the force per slip (n, nq) [N/m] at `u` (nv, d)."""
+        secants = np.zeros(self.areas.shape)
+        kernels.find_secants(self._surface, *self._slipped, u, secants)
+        return secants
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add that of the normal force, and the force per slip times the displacements that the slip subtracts [N]."""
+        super().add_round_off(u, out)
+        if self._slips:
+            N, t, _ = self._surface
+            largest = np.abs(u[t]).max(axis=(1, 2)) + np.abs([*self._shift, *self._start_shift]).max()
+            rubbing = self.friction_factor * self._secants_at(u) * largest[:, None]
+            np.add.at(out, t, (rubbing @ np.abs(N))[:, :, None])
 
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return the work [J] of the moving shape on the body, and that against friction, from the last accepted state to `u1`."""

@@ -21,6 +21,11 @@ def points(surface, shape, shift, u):
     return np.einsum("qa,nac->nqc", surface.N, at_nodes) - shape.numbers[:3] - shift
 
 
+def displacements(surface, shift, u):
+    """Return the displacements of the points (n, nq, 3) relative to that of the shape."""
+    return np.einsum("qa,nac->nqc", surface.N, in_space(u)[surface.t]) - shift
+
+
 def gaps_and_normals(shape, x):
     """Return gaps (...) and normals (..., 3) of points (..., 3)."""
     kind, numbers = shape
@@ -129,14 +134,13 @@ def mean_stiffness(surface, weights, shape, shift0, shift1, e, u0, u1):
 
 def remember(surface, weights, shape, shift, e, u, coefficient):
     """Return what the kernel writes to `past` (n, nq, 7)."""
-    x = points(surface, shape, shift, u)
-    g, n = gaps_and_normals(shape, x)
-    return np.concatenate([x, (coefficient * weights * penalty(-g, e)[1])[..., None], n], axis=-1)
+    g, n = gaps_and_normals(shape, points(surface, shape, shift, u))
+    return np.concatenate([displacements(surface, shift, u), (coefficient * weights * penalty(-g, e)[1])[..., None], n], axis=-1)
 
 
-def friction(surface, shape, shift, past, width, u, f):
+def friction(surface, shift, past, width, u, f):
     """Add the force against the slip to `f`; return the work against it and the forces per slip (n, nq)."""
-    d = points(surface, shape, shift, u) - past[..., :3]
+    d = displacements(surface, shift, u) - past[..., :3]
     d = d - (d * past[..., 4:]).sum(-1, keepdims=True) * past[..., 4:]
     y = np.linalg.norm(d, axis=-1)
     r = np.minimum(y / width, 1)

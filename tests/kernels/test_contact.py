@@ -67,17 +67,17 @@ def test_compiled_and_readable_kernels_agree(case, onset):
     assert close(past, readable.remember(*start, shift0, onset, u0, 0.4))
     width, none = 0.03 if d == 3 else 0.5, np.empty((0, 0))  # in the plane, points that slide have no stiffness
     f, g = np.zeros((2, n, d))
-    work = kernels.add_friction(own, numbers, shift1, past, width, none, u1, 1.0, f)
-    lost, per_slip = readable.friction(own, numbers, shift1, past, width, u1, g)
+    work = kernels.add_friction(own, shift1, past, width, none, u1, 1.0, f)
+    lost, per_slip = readable.friction(own, shift1, past, width, u1, g)
     assert work == pytest.approx(lost, rel=1e-12) and work > 0 and close(f, g)
     secants = np.zeros_like(weights)
-    kernels.find_secants(own, numbers, shift1, past, width, u1, secants)
+    kernels.find_secants(own, shift1, past, width, u1, secants)
     assert close(secants, per_slip)
     v, h = rng.standard_normal((n, d)), 1e-6
     ends = np.zeros((2, n, d))
     for sign, out in zip((1, -1), ends, strict=True):
-        readable.friction(own, numbers, shift1, past, width, u1 + sign * h * v, out)
+        readable.friction(own, shift1, past, width, u1 + sign * h * v, out)
     of = blocks()
-    kernels.add_friction_blocks(own, numbers, shift1, past, width, none, u1, 2.0, term._into(of))
+    kernels.add_friction_blocks(own, shift1, past, width, none, u1, 2.0, term._into(of))
     assert close(dense(of) @ v.ravel(), ((ends[0] - ends[1]) / h).ravel(), 1e-5)
     assert m == (1 if mesh.element.is_linear_simplex else len(term._facets))

@@ -177,6 +177,26 @@ def test_without_a_potential_the_line_search_uses_the_slope():
     np.testing.assert_allclose(*found, atol=1e-7)
 
 
+@pytest.mark.parametrize(("counted", "end"), [(1.0, End.AT_ROUND_OFF), (0.0, End.NO_LENGTH)])
+def test_a_line_search_that_finds_only_round_off_ends_there(counted, end):
+    """Forces have errors of 1e-8 with another sign at the states of the search than at its start, so that no length is found."""
+
+    class Rounded(Wells):
+        has_barrier, quartic, seen = True, False, b""
+
+        def residual(self, u, t):
+            exact, again = super().residual(u, t), u.tobytes() == self.seen
+            self.seen = u.tobytes()
+            rounded = exact.vector + (1e-8 if again else -1e-8)
+            return Residual(rounded, self.space.norm(rounded), exact.scale)
+
+        def round_off(self, u, t):
+            return counted * 1e-7
+
+    u, found, _ = newton(Rounded(), np.zeros(N + GHOSTS), 1.0, NewtonOptions(1e-13))
+    assert found is end and (not counted or np.abs(Wells().residual(u, 1.0).vector).max() < 1e-6)
+
+
 def test_a_state_with_ghosts_is_measured_by_its_spaces():
     """Planted fault: a product that counts ghosts twice gives another slope."""
     problem, counted = Wells(), Wells()

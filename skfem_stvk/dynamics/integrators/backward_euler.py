@@ -33,6 +33,9 @@ class BackwardEuler(Implicit):
 
         W(u + w) + potential of the loads + 1/(2 T^2) (w - T v)' M (w - T v) + 1/(2 T) w' D w        v <- w / T
 
+    `D` is that of `Rayleigh`. `EdgeDamping` adds `tau/(4 T) (zeta1 - zeta)' L (zeta1 - zeta)` to the energy, with the squared
+    elongations `zeta` and `zeta1` at both ends of the step. Its force is `tau/T p(u1) L (zeta1 - zeta)`.
+
     It is stable for any step and loses energy in each, more in larger steps.
 
     Parameters

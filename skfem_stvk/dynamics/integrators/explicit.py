@@ -154,7 +154,7 @@ class VelocityVerlet(Explicit):
 
     It needs one force per step, is symplectic, and is reversible without damping. It is stable below `T = 2 / omega_max`. With
     damping, which is evaluated at a predicted velocity, the limit is `2/omega (sqrt(1 + 4 xi^2) - 2 xi)`, because damping counts
-    twice.
+    twice. Friction of a node of mass m that rises by `c` per speed limits it to `2 m/c`, because it would do work in longer steps.
 
     Parameters
     ----------

@@ -130,7 +130,7 @@ class ImplicitStepper(Stepper):
         if isinstance(motion.body, Coordinates):
             return DenseStepMatrix(motion, motion.body, integrator.mean, self.watch)
         solver, tangent = integrator.linear_solver(motion), StepTangent(integrator.tangent)
-        return StepMatrix(motion, solver, tangent, integrator.mean, self.watch)
+        return StepMatrix(motion, solver, tangent, integrator.mean, self.watch, 1 / integrator.weight)
 
     @property
     def solver(self) -> LinearSolver | DenseSolver:

@@ -95,7 +95,8 @@ class GeneralizedAlpha(Implicit):
         alpha_m = (2 rho - 1)/(rho + 1),  alpha_f = rho/(rho + 1)
         gamma = 1/2 - alpha_m + alpha_f,  beta = (1 - alpha_m + alpha_f)^2/4
 
-    `u1` and `v1` are Newmark's. Forces are the weighted sums of those at both ends.
+    `u1` and `v1` are Newmark's. Forces are the weighted sums of those at both ends. Friction acts in full, with the slip over the
+    step, because it is zero at the beginning.
 
     Parameters
     ----------
