@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array
-from ..edges import ALL, Tensions
+from ..edges import ALL
 from ..linear.space import Space
 from ..system import System, TangentOperator
 from ..system.mass import Mass
@@ -74,6 +74,11 @@ class LargestFrequency:
     ----------
     damping
         Damping, as `Rayleigh`, `EdgeDamping`, or several.
+
+    Attributes
+    ----------
+    vertex
+        (nv,) lumped masses [kg], 0 for constrained vertices.
     """
 
     def __init__(self, system: System, damping: Damping | None = None) -> None:
@@ -81,7 +86,7 @@ class LargestFrequency:
         self._system, self._mass, self._damping = system, system.mass(), damping_factors(damping)
         self._operator: TangentOperator | None = None
         self._products, self._is_free = 0, self._mass.free.ravel()
-        self._vertex = np.where(self._mass.free.any(axis=1), self._mass.vertex, 0.0)
+        self.vertex = np.where(self._mass.free.any(axis=1), self._mass.vertex, 0.0)
         self._at_rest: TangentOperator | None = None
 
     def at(self, u: ArrayLike, t: float = 0.0) -> CriticalStep:
@@ -128,12 +133,9 @@ class LargestFrequency:
         return square, min(step, before / max(excess, 1.0))
 
     def _prepared(self, u: ArrayLike, step: float) -> TangentOperator:
-        """Return `K + 2/T (beta K0 + tau K_GN)` at `u` as an operator.
-
-        `(1 + c) 2 J'LJ + tensions` is computed as `1 + c` times a K whose tensions are divided by `1 + c`.
-        """
+        """Return `K + 2/T (beta K0 + tau K_GN)` at `u` as an operator. `K_GN` has the terms with a damping force only."""
         tau_share, beta_share = 2 * self._damping.tau / step, 2 * self._damping.beta / step
-        retained = Tensions(1 / (1 + tau_share), 1 / (1 + tau_share)) if tau_share else ALL
+        retained = ALL._replace(damped=1 + tau_share)
         with self._system.assuming(Assumed.TOUCHING):
             if self._operator is None:
                 self._operator = self._system.linear_operator(u, kept=retained)
@@ -142,10 +144,8 @@ class LargestFrequency:
         if beta_share and self._at_rest is None:
             with self._system.assuming(Assumed.APART):
                 self._at_rest = self._system.linear_operator(np.zeros(self._system.ndofs))
-        if tau_share or beta_share:
-            self._operator.scale_and_add(
-                1 + tau_share, [(beta_share, self._at_rest)] if beta_share and self._at_rest is not None else []
-            )
+        if beta_share and self._at_rest is not None:
+            self._operator.scale_and_add(1.0, [(beta_share, self._at_rest)])
         return self._operator
 
     def _of_loads(self, u: ArrayLike, t: float) -> float:
@@ -158,7 +158,7 @@ class LargestFrequency:
         return space.most(float((space.share(rows)[self._is_free] / np.sqrt(mass)).max(initial=0.0)))
 
     def _bound(self, K: TangentOperator) -> float:
-        return bound_on_eigenvalues(K, self._vertex)
+        return bound_on_eigenvalues(K, self.vertex)
 
     def _largest(self, K: TangentOperator) -> float:
         """Return an upper estimate of the largest eigenvalue: the Rayleigh quotient plus the residual, at most the bound."""

@@ -60,6 +60,10 @@ class EdgeDamping:
     because their tensions do not change. `Rayleigh` damps them. A mode of circular frequency `omega` at rest gets the damping ratio
     `tau omega/2`.
 
+    `BackwardEuler` and `EnergyMomentum` use the change of `zeta` over a step of length T instead of its rate. The force is then
+    `-tau/T sum_i (L (zeta1 - zeta))_i p_i`, with `p_i` at the end of the step or in its middle. Only terms with edges are damped.
+    Contacts, foundations, volume penalties and laws without edges, such as `NeoHookean`, are not.
+
     The springs of a `SpringNetwork` get dashpots in parallel, `c = tau k`. For `LinearElastic` the force is `tau K v`, which
     resists rotation.
 

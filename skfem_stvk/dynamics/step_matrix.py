@@ -97,7 +97,11 @@ class StepMatrix:
         Whether the matrix contains the tensions of the beginning.
     """
 
-    def __init__(self, motion: Motion, solver: LinearSolver, chosen: StepTangent, mean: bool, watch: Stopwatch) -> None:
+    def __init__(
+        self, motion: Motion, solver: LinearSolver, chosen: StepTangent, mean: bool, watch: Stopwatch, friction: float = 1.0
+    ) -> None:
+        """`friction` is its factor in the equation, in which it acts in full even if forces of the end have a smaller weight."""
+        self._friction = friction
         self._motion, self._system, self._watch = motion, motion.system, watch
         self._chosen, self._mean = chosen, mean
         self._u0, self._at = np.zeros(motion.states.n), np.zeros(motion.states.n)
@@ -126,7 +130,8 @@ class StepMatrix:
 
     def round_off(self, w: Array) -> Array:
         """Return the sums (ndofs,) of `FreeTangent.round_off`, at the end of the step."""
-        return self.tangent.round_off(self._u0 + w)
+        with self.assuming(w):
+            return self.tangent.round_off(self._u0 + w)
 
     def factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
         """Return factors of the chosen tangent, or of a fallback of Newton's method, as in statics.
@@ -203,19 +208,17 @@ class StepMatrix:
     def _inertia_factor(self) -> float:
         return self._c + self._motion.alpha * self._g
 
-    def _parts(self, retained: Tensions) -> tuple[float, Tensions, Tensions]:
-        """Return the factor of K, the tensions in K, and the additional tensions of the beginning.
+    def _parts(self, retained: Tensions) -> tuple[Tensions, Tensions]:
+        """Return the tensions in K, with the factor of edge damping, and the additional tensions of the beginning.
 
         Both include only tensions that `retained` retains.
-
-        Edge damping is a part of `2 J'LJ` and enters the factor: `factor (2 J'LJ + tensions / factor)`.
         """
         factor = 1 + self._motion.tau * self._g
         if retained.warped:
-            return factor, WARPED, NONE
+            return WARPED._replace(damped=factor), NONE
         if self._tensions is not None:
-            return factor, NONE, retained if self.with_tensions else NONE
-        return factor, Tensions(retained.positive / factor, retained.negative / factor), NONE
+            return NONE._replace(damped=factor), retained if self.with_tensions else NONE
+        return retained._replace(damped=factor), NONE
 
     def _position(self, w: Array) -> Array:
         """Return the displacements (ndofs,) at which the tangent is evaluated [m]."""
@@ -223,28 +226,30 @@ class StepMatrix:
             return np.zeros_like(w)
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
-    def _assuming(self, w: Array) -> AbstractContextManager[None]:
-        """Return a context in which contacts have the tangent that belongs to the equation."""
+    def assuming(self, w: Array) -> AbstractContextManager[None]:
+        """Return a context in which contacts have the friction and the tangent that belong to the equation."""
         d = self._system.mesh.d
         if not self._system.contacts:
             return OF_STATE
         if self._chosen is StepTangent.REST:
-            return self._system.assuming(Assumed.APART)
-        return self._system.assuming((self._u0.reshape(-1, d), (self._u0 + w).reshape(-1, d)) if self._mean else None)
+            return self._system.assuming(Assumed.APART, self._friction)
+        states = (self._u0.reshape(-1, d), (self._u0 + w).reshape(-1, d)) if self._mean else None
+        return self._system.assuming(states, self._friction)
 
     def _matrix(self, w: Array, t: Time, retained: Tensions) -> csr_matrix:
         """Return the matrix of the step over the free degrees of freedom."""
-        factor, within, retained = self._parts(retained)
+        within, retained = self._parts(retained)
         at_rest = self._chosen is StepTangent.REST  # K(0) has no stiffness of follower loads, which changes
         position, moment = self._position(w), None if at_rest else t
+        factor = within.damped if at_rest else 1.0
         if self.tangent.needs_only_free and self._tensions is None and not self._motion.beta:
-            with self._assuming(w):
+            with self.assuming(w):
                 Kff = self.tangent.free_matrix(position, moment, within)
             if factor != 1:
                 Kff.data *= factor
             self._motion.mass.add_to(Kff, self._inertia_factor, self.tangent.free)
             return Kff
-        with self._assuming(w):
+        with self.assuming(w):
             K = self.tangent.matrix(position, moment, within)
         if factor != 1:
             K.data *= factor
@@ -269,14 +274,14 @@ class StepMatrix:
         return self._free_operator
 
     def _prepared(self, w: Array, retained: Tensions) -> TangentOperator:
-        factor, within, retained = self._parts(retained)
-        with self._assuming(w):
+        within, retained = self._parts(retained)
+        with self.assuming(w):
             operator = self.tangent.operator(self._position(w), within)
         others = [(self._motion.beta * self._g, self._motion.at_rest)] if self._motion.beta else []
         if self._tensions is not None and retained != NONE:
             others += self._tensions.operators(retained)
-        if factor != 1 or others:
-            operator.scale_and_add(factor, others)
+        if others:
+            operator.scale_and_add(1.0, others)
         return operator
 
 
@@ -308,6 +313,10 @@ class DenseStepMatrix:
             motion = self._motion
             damping = motion.alpha * motion.mass.matrix + motion.beta * motion.at_rest
             self._key, self.inertia = (c, g), c * motion.mass.matrix + g * damping
+
+    def assuming(self, w: Array) -> AbstractContextManager[None]:
+        """Return a context without effect: a body in coordinates has no contacts."""
+        return OF_STATE
 
     def add_mean_force(self, w: Array, out: Array) -> None:
         """Add the mean internal force over the step by `w` to `out`, both (m,)."""

@@ -41,6 +41,8 @@ class Tensions(NamedTuple):
         Factors of tensions `t > 0` and `t < 0`.
     warped
         Whether the rotated K(0) replaces the part that does not depend on tensions.
+    damped
+        Factor of `2 J' L J` of the terms that `EdgeDamping` damps. Contacts, foundations and others have no damping force.
 
     Examples
     --------
@@ -51,6 +53,14 @@ class Tensions(NamedTuple):
     positive: float
     negative: float
     warped: bool = False
+    damped: float = 1.0
+
+    def of(self, term: Any) -> tuple[float, Tensions]:
+        """Return the factor of a term's K, and the tensions in that K. The product has the tensions without the factor `damped`."""
+        whole = self._replace(damped=1.0)
+        if self.damped == 1 or not hasattr(getattr(term, "term", term), "damping_force"):
+            return 1.0, whole
+        return self.damped, whole._replace(positive=self.positive / self.damped, negative=self.negative / self.damped)
 
 
 ALL = Tensions(1.0, 1.0)

@@ -68,7 +68,10 @@ class TangentOperator(LinearOperator):
         x, energy = by_vertex(self._mesh, u), 0.0
         self._ready = False  # until all blocks are computed
         for i, term in enumerate(self._terms):
-            part, self._blocks[i] = term.blocks(x, force, self._blocks[i], kept)
+            factor, own = kept.of(term)
+            part, self._blocks[i] = term.blocks(x, force, self._blocks[i], own)
+            if factor != 1:
+                self._blocks[i] *= factor
             self._pairs[i] = term.pairs
             energy += part
             refuse_overflow(self._blocks[i], "K", x)

@@ -969,15 +969,22 @@ class System(BoundTerms):
 
         `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
         """
-        add = self.mesh.d**2 * rows_of_terms[0].size < self.pattern.nnz  # otherwise the first term writes to all of K
+        every = [(*kept.of(term), term, rows) for term, rows in zip(self.pair_terms, rows_of_terms, strict=True)]
+        every.sort(key=lambda one: one[0] == 1)  # terms with edge damping first, because their factor multiplies all values so far
+        add = self.mesh.d**2 * every[0][3].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
-        energy = 0.0
-        for term, rows in zip(self.pair_terms, rows_of_terms, strict=True):
-            linearized = term.fill(x, rows, data, add, force, kept)
+        energy, factor = 0.0, every[0][0]
+        for own_factor, own, term, rows in every:
+            if own_factor != factor:
+                data *= factor
+                factor = own_factor
+            linearized = term.fill(x, rows, data, add, force, own)
             add = True
             refuse_overflow(linearized.total, "K", x)
             energy += linearized.energy
+        if factor != 1:
+            data *= factor
         if self._bare is not None:
             self._bare.write(self.pattern, data, free)
         return energy

@@ -12,6 +12,8 @@ from skfem_stvk import (
     ElasticFoundation,
     ElementMesh,
     MaterialError,
+    RigidContact,
+    RigidPlane,
     StateError,
     StVK,
     StvkError,
@@ -20,7 +22,9 @@ from skfem_stvk import (
 )
 from skfem_stvk.dynamics.critical_step import LargestFrequency, critical_step
 from skfem_stvk.dynamics.damping import EdgeDamping, Rayleigh
-from skfem_stvk.edges import NONE
+from skfem_stvk.edges import ALL, NONE
+from skfem_stvk.mesh import box as solid
+from skfem_stvk.terms.protocols import Assumed
 
 #: `step` is 2 over `sqrt(value + residual)`, so it is too small by at most the first, and too large by hardly more than the second.
 BELOW, ABOVE = 1e-3, 1e-4
@@ -244,3 +248,42 @@ def test_invalid_calls_are_refused():
         critical_step(system, np.zeros(3))
     with pytest.raises(StvkError, match="expected Rayleigh"):
         critical_step(system, damping=0.1)
+
+
+BLOCK, SOLID = solid((0.2, 0.2, 0.1), (3, 3, 2)), StVK(young=1e6, poisson=0.3, density=1e3)
+UNDAMPED = {
+    "contact": RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), lambda x: x[2] == 0, stiffness=1e10),
+    "foundation": ElasticFoundation(lambda x: x[2] == 0, stiffness=1e10),
+    "volume": VolumePenalty(1e8),
+}
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("name", UNDAMPED)
+def test_edge_damping_makes_the_step_smaller_by_the_damped_terms_alone(name, order):
+    system, bare = System(BLOCK, [SOLID, UNDAMPED[name]][::order]), System(BLOCK, [SOLID])
+    u, m = 1e-3 * state(BLOCK, 0.2), np.repeat(bare.mass().vertex, 3)
+    with system.assuming(Assumed.TOUCHING):
+        K = system.tangent(u).toarray()
+    for tau in (1e-4, 2e-3, 1e-2):
+        D = tau * bare.jacobian(u, kept=NONE).toarray()
+        low, high = 0.0, 2 / np.sqrt(largest(K, m))
+        for _ in range(40):
+            T = (low + high) / 2
+            low, high = (T, high) if largest(T**2 * K + 2 * T * D, m) <= 4 else (low, T)
+        found = critical_step(system, u, damping=EdgeDamping(tau))
+        assert low * (1 - 2 * BELOW) < found.step < low * (1 + ABOVE) and 0.6 * low < found.bound <= low
+
+
+@pytest.mark.parametrize("free", [False, True])
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("name", UNDAMPED)
+def test_the_factor_of_damped_terms_is_theirs_alone(name, order, free):
+    system, bare, other = (System(BLOCK, terms) for terms in ([SOLID, UNDAMPED[name]][::order], SOLID, [SOLID, UNDAMPED[name]]))
+    u, some = 1e-3 * state(BLOCK, 0.2) - np.tile([0, 0, 1e-3], BLOCK.nv), np.arange(9, system.ndofs)
+    wanted = (other.tangent(u) + 2 * bare.jacobian(u, kept=NONE)).toarray()
+    damped = ALL._replace(damped=3.0)
+    v = np.random.default_rng(0).normal(size=system.ndofs)
+    assert np.abs(system.linear_operator(u, kept=damped) @ v - wanted @ v).max() < 1e-12 * np.abs(wanted @ v).max()
+    K = system.jacobian(u, kept=damped, free=system.free_dofs(np.arange(9)) if free else None).toarray()
+    assert np.abs(K - (wanted[np.ix_(some, some)] if free else wanted)).max() < 1e-12 * np.abs(wanted).max()

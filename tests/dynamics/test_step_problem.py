@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from dynamics.test_critical_step import BLOCK, SOLID, UNDAMPED
 from motions import MESHES, clamped, material, pushed, velocities
 
 from skfem_stvk import Gravity, NodalLoad, Pressure, StateError, System, simulate
@@ -17,6 +18,7 @@ from skfem_stvk.dynamics import (
 from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.dynamics.motion import Motion
 from skfem_stvk.dynamics.record import MotionState
+from skfem_stvk.edges import ALL
 from skfem_stvk.nonlinear.problem import Tangent
 from skfem_stvk.system.free_tangent import FreeTangent
 from skfem_stvk.system.rigid import rigid_modes
@@ -139,3 +141,21 @@ def test_multigrid_gets_the_rigid_modes_of_the_current_state():
     problem.factorise(w, AT_END)
     where = problem.motion.system.mesh.p.T + (u + w).reshape(-1, 3)
     np.testing.assert_array_equal(problem.tangent.rigid_modes(), rigid_modes(where)[problem.tangent.free.free])
+
+
+@pytest.mark.parametrize("rho", [None, 0.5])
+@pytest.mark.parametrize("name", ["contact", "foundation", "volume"])
+def test_the_matrix_of_a_step_damps_the_terms_that_its_equation_damps(name, rho):
+    integrator = BackwardEuler(1e-3) if rho is None else GeneralizedAlpha(1e-3, rho=rho)
+    motion = Motion(System(BLOCK, [SOLID, UNDAMPED[name]]), None, EdgeDamping(0.02))
+    rng = np.random.default_rng(0)
+    u, w, v = 1e-4 * rng.normal(size=(3, motion.system.ndofs)) - [[1e-3], [0], [0]]
+    state, h = MotionState.at(0.0, u, v), 1e-8
+    stepper = integrator.stepper(motion)
+    problem, t = stepper.problem, motion.moment(1e-3)
+    problem.begin(state, integrator.coefficients(state, 1e-3, stepper))
+    K = problem.matrix._matrix(w, t, ALL)
+    direction = rng.normal(size=len(u))
+    ends = [problem.residual(w + s * h * direction, t).vector for s in (1, -1)]
+    change = (ends[0] - ends[1]) / (2 * h)
+    assert np.linalg.norm(K @ direction - change) < 0.02 * np.linalg.norm(change)  # without the change of the edges' directions
