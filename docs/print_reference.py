@@ -195,7 +195,8 @@ REMEDIES = {
     Status.AT_ROUND_OFF: "The residual is as small as rounding allows. A smaller `rtol` has no effect.",
     Status.UNSTABLE: "Follow the path through the critical point, or add an imperfection: [stability](../topics/stability.md).",
     Status.INVERTED: "Add a term that resists inversion: [prevent inversion](../how-to/inversion.md).",
-    Status.STOPPED: "Read the message: [why did Newton fail?](../how-to/newton-failed.md).",
+    Status.STOPPED: "Read the message: [why did Newton fail?](../how-to/newton-failed.md), "
+    "[my motion blows up](../how-to/motion-blows-up.md).",
     Status.FINISHED: "",
     Status.ENDED_INVERTED: "Add a term that resists inversion, or take a smaller `dt`.",
     Status.BLEW_UP: "Take a smaller `dt`, or an implicit integrator.",

@@ -21,7 +21,7 @@ from .progress import MotionProgress
 from .record import MotionState, RunRecord
 from .removal import Removal, removal_text
 from .run import Run, SimulationError
-from .stable_step import halving_text
+from .stable_step import StepCollapsed, halving_text
 from .steps import Steps
 
 #: Smallest closure error, as a part of the energy, that the message of the run mentions.
@@ -84,7 +84,7 @@ class Loop:
             try:
                 self._outputs.save_if_due()
                 status, detail = self._all_steps(progress)
-                while status is Status.BLEW_UP and self._restart_from_good_state():
+                while status in (Status.BLEW_UP, Status.STOPPED) and self._restart_from_good_state():
                     status, detail = self._all_steps(progress)
                 self._outputs.close()
             except (KeyboardInterrupt, Exception) as error:  # full disk or failing load: the run so far is retained
@@ -144,7 +144,7 @@ class Loop:
         except StepFailed as error:
             return Status.NOT_CONVERGED, str(error)
         except StateError as error:
-            return Status.BLEW_UP, str(error).rstrip(".")
+            return Status.STOPPED if isinstance(error, StepCollapsed) else Status.BLEW_UP, str(error).rstrip(".")
         self._stepping = False
         return Status.FINISHED, ""
 
@@ -230,8 +230,9 @@ class Loop:
         if status in (Status.FINISHED, Status.ENDED_INVERTED):
             return ". ".join([self._reached(), *(finding.text.rstrip(".") for finding in findings)]) + "." * bool(findings)
         there = "".join(f" {finding.text}" for finding in findings if finding.name == "inside out")
-        if status is Status.BLEW_UP:
-            return f"blew up soon after {self._time(t)}, the last good state: {detail}.{there} {self._limit.advice(self.record)}"
+        if status in (Status.BLEW_UP, Status.STOPPED):
+            what = "blew up" if status is Status.BLEW_UP else "stopped"
+            return f"{what} soon after {self._time(t)}, the last good state: {detail}.{there} {self._limit.advice(self.record)}"
         if status is Status.NOT_CONVERGED:
             penalty = ", or VolumePenalty() among the terms if elements invert" * (not self._inversions.resisted)
             parts = f"the step from {self._time(t)} did not converge, not even in 64 parts: {detail}.{there}"

@@ -107,6 +107,11 @@ class Reviews:
     largest: float = 0.0  # upper limit of computed steps [s]
     halvings: int = 0  # number of blow-ups; computed steps were halved after each
 
+    @property
+    def latest(self) -> float:
+        """Critical step at the last review [s]."""
+        return self.step * ((self.seen or self.bound) / self.bound)
+
     def estimate(self, bound: float, steps: int) -> tuple[float, Reviews]:
         """Return the critical step [s], scaled with its bound, and the reviews after this one at step number `steps`.
 

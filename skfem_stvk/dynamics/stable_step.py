@@ -8,17 +8,24 @@ from math import ulp
 import numpy as np
 
 from ..errors import StateError, StvkError, warn
+from ..mesh.displacements import by_vertex
 from .critical_step import CriticalStep, LargestFrequency
 from .damping import Damping, EdgeDamping, Rayleigh
 from .integrators import Explicit, Integrator
 from .motion import Motion
 from .record import HALVINGS, Clock, MotionState, Reviews, RunRecord, Snapshot
 
+#: Smallest part of the first step that is used. A step below it has collapsed, and the motion would not proceed.
+FLOOR = 1e-5
 #: Part of the critical step that is used by default. A step between the parts `LEAST` and `MOST` is retained as the body deforms.
 SAFETY, LEAST, MOST = 0.85, 0.7, 0.88
 #: The bound costs five to seven forces. While the step scaled with the bound changes by at most this part, it replaces the critical
 #: step. Otherwise the critical step is computed, for sixty forces or more, unless a user-supplied step is below the bound.
 MOVED = 0.04
+
+
+class StepCollapsed(StateError):
+    """Error for a stable step that has become too short for the motion to proceed. The state itself may be healthy."""
 
 
 class StableStep:
@@ -63,24 +70,53 @@ class StableStep:
         state, clock, reviews = record.state, record.clock, record.reviews
         if recompute:
             self._largest = self._frequencies()
-        if self._largest is None or self._warned or (record.steps < reviews.next and not recompute):
+        due = record.steps >= reviews.next or recompute
+        if self._largest is None or self._warned or not (due or self._has_friction):
             return clock.dt, reviews
         share, has_user_dt = 0.5**reviews.halvings, self._user_dt is not None
-        bound = self._largest.bound(state.u, state.t)
-        before = reviews.step
-        step, reviews = reviews.estimate(bound, record.steps)
-        safe, moved = has_user_dt and clock.dt <= bound, not abs(step / before - 1) <= MOVED
-        if not safe and (moved or recompute or (has_user_dt and clock.dt > step)):
-            step, reviews = self._computed(state, reviews)
+        step = reviews.latest
+        if due:
+            bound = self._largest.bound(state.u, state.t)
+            before = reviews.step
+            step, reviews = reviews.estimate(bound, record.steps)
+            safe, moved = has_user_dt and clock.dt <= bound, not abs(step / before - 1) <= MOVED
+            if not safe and (moved or recompute or (has_user_dt and clock.dt > step)):
+                step, reviews = self._computed(state, reviews)
+        step, cause = self._with_friction(step, state)
         if has_user_dt:
-            self._warn(clock.dt, state.t)
+            self._warn(step, cause, state.t)
         elif clock.dt > share * MOST * step or clock.dt < share * min(LEAST * step, reviews.largest):
             dt = share * min(SAFETY * step, reviews.largest)
-            if not clock.resolves(dt):
-                stiff = f"the body is so stiff there that steps would be of {dt:.2g} s, which rounded times do not resolve"
-                raise StateError(self._text(stiff))
+            if dt < share * FLOOR * reviews.largest or not clock.resolves(dt):
+                why = cause or ", because the body is so stiff there"
+                raise StepCollapsed(self._text(f"the stable step fell from {reviews.largest:.4g} s to {dt:.2g} s{why}"))
             return dt, reviews
         return clock.dt, reviews
+
+    @property
+    def _has_friction(self) -> bool:
+        return any(contact.has_friction for contact in self._motion.system.working_contacts)
+
+    def _with_friction(self, step: float, state: MotionState) -> tuple[float, str]:
+        """Return the stable step with friction, at most `step` [s], and the cause if friction makes it much smaller.
+
+        Friction is a dashpot at small slips. A step that is too long reverses velocities, so that friction does work. The limit is
+        computed before each step, because normal forces change from step to step in an impact.
+        """
+        if self._largest is None or not self._has_friction:
+            return step, ""
+        system, mass = self._motion.system, self._largest.vertex
+        x, drag = by_vertex(system.mesh, state.u), np.zeros(len(mass))
+        for contact in system.working_contacts:
+            drag += contact.drag(x)
+        rates = np.divide(drag, mass, out=np.zeros(len(mass)), where=mass > 0)
+        node, half = int(rates.argmax()), step * float(rates.max()) / 4
+        limited = step / (half + np.hypot(half, 1.0))  # (T/step)^2 + T rate/2 = 1
+        cause = (
+            f", because friction would reverse velocities at node {node} in longer steps. Take a larger slip_speed, or an implicit "
+            "integrator"
+        )
+        return limited, cause if limited < LEAST * step else ""
 
     def halved(self, good: Snapshot) -> Snapshot | None:
         """Return the last good state with half the step; None if the step is user-supplied or was halved too often."""
@@ -112,7 +148,7 @@ class StableStep:
             reviews = replace(reviews, step=bound, bound=bound)
             if dt > bound:
                 _, reviews = self._computed(state, reviews)
-                self._warn(dt, state.t)
+            self._warn(*self._with_friction(reviews.step, state), state.t)
             return dt, reviews
         step, reviews = self._computed(state, reviews)
         if self._motion.states.any(bool(state.u.any())):  # a compressed body is soft, but will not stay compressed
@@ -121,7 +157,7 @@ class StableStep:
             raise StvkError(
                 "dt = None; expected a time step: no part that moves has stiffness, so every step is stable. Give dt=..."
             )
-        return SAFETY * step, replace(reviews, largest=SAFETY * step)
+        return SAFETY * self._with_friction(step, state)[0], replace(reviews, largest=SAFETY * step)
 
     def _computed(self, state: MotionState, reviews: Reviews) -> tuple[float, Reviews]:
         """Return the critical step at this state, and the reviews that store it."""
@@ -129,12 +165,14 @@ class StableStep:
         self._last = self._largest.at(state.u, state.t)
         return self._last.step, replace(reviews, step=self._last.step, bound=self._last.bound)
 
-    def _warn(self, dt: float, t: float) -> None:
-        if self._last is not None and dt > self._last.step:
+    def _warn(self, step: float, cause: str, t: float) -> None:
+        """Warn once if the user-supplied step is above the stable one, `step`."""
+        if self._user_dt is not None and self._user_dt > step:
             self._warned = True
+            bound = "" if self._last is None else f" (safe bound {self._last.bound:.4g} s): the motion will blow up"
             above = (
-                f"t = {t:.4g} s: the step dt = {dt:.4g} s is above the critical one, {self._last.step:.4g} s (safe bound "
-                f"{self._last.bound:.4g} s): the motion will blow up. Take a smaller step, or dt=None to have it computed."
+                f"t = {t:.4g} s: the step dt = {self._user_dt:.4g} s is above the critical one, {step:.4g} s{cause or bound}. "
+                "Take a smaller step, or dt=None to have it computed."
             )
             warn(self._text(above))
 

@@ -6,7 +6,20 @@ import numpy as np
 import pytest
 from motions import MESHES, material, pushed, reached, spinning, velocities
 
-from skfem_stvk import ElementMesh, NodalLoad, StVK, StvkError, StvkWarning, System, VolumePenalty, simulate
+from skfem_stvk import (
+    ElementMesh,
+    Friction,
+    Gravity,
+    NodalLoad,
+    RigidContact,
+    RigidPlane,
+    StVK,
+    StvkError,
+    StvkWarning,
+    System,
+    VolumePenalty,
+    simulate,
+)
 from skfem_stvk.dynamics import (
     BackwardEuler,
     EdgeDamping,
@@ -18,6 +31,7 @@ from skfem_stvk.dynamics import (
     critical_step,
 )
 from skfem_stvk.dynamics.checkpoint import load
+from skfem_stvk.mesh import box as solid
 from skfem_stvk.results.series import read_list
 
 
@@ -109,3 +123,48 @@ def test_newmarks_factors_are_checked_together():
         with pytest.raises(StvkError, match="expected gamma >= 1/2 and beta >= gamma/2"):
             Newmark(0.1, beta=beta, gamma=gamma)
     assert Newmark(0.1, beta=0.3, gamma=0.6).order == 1
+
+
+def on_floor(slip_speed, coefficient=0.3):
+    """Return a block on a floor with friction."""
+    friction = Friction(coefficient, slip_speed=slip_speed)
+    contact = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), lambda x: x[2] == 0, friction=friction)
+    return System(solid((0.2, 0.2, 0.1), (3, 3, 2)), [SOLID, Gravity((1.0, 0, -9.81)), contact])
+
+
+SOLID = StVK(young=1e6, poisson=0.3, density=1e3)
+
+
+@pytest.mark.parametrize("make", [VelocityVerlet, ForwardEuler])
+def test_friction_in_explicit_steps_does_no_work_and_the_body_sticks(make):
+    system = on_floor(1e-3)
+    v0 = np.tile([0.05, 0, 0], system.mesh.nv)
+    run = simulate(system, make(), until=0.1, v0=v0, damping=Rayleigh(beta=1e-3), quiet=True)
+    energy, foot = run.ledger["kinetic_energy"][0], system.mesh.p[2] == 0
+    assert run.ledger["closure_error"].max() < 0.02 * energy
+    assert 0 < run.v.reshape(-1, 3)[foot, 0].mean() < 1e-3 and np.ptp(run.v.reshape(-1, 3)[foot, 0]) < 2e-3
+    assert run.dt < 0.5 * run.ledger["time"][1]  # the first row is from before it touches
+
+
+def test_a_step_in_which_friction_would_reverse_velocities_is_reported_with_the_node_and_the_step():
+    system, dt = on_floor(1e-3), 1e-4
+    assert dt < critical_step(system).step
+    with pytest.warns(StvkWarning, match=r"step dt = 0.0001 s is above the critical one, .* s, because friction .* at node \d+"):
+        simulate(system, VelocityVerlet(dt), until=0.01, quiet=True)
+    simulate(on_floor(0.1), VelocityVerlet(dt), until=0.01, quiet=True)
+
+
+def test_edge_damping_of_a_body_with_friction_does_not_let_the_step_collapse():
+    run = simulate(on_floor(0.1, 0.5), VelocityVerlet(), until=0.02, damping=EdgeDamping(tau=2e-3), quiet=True)
+    assert run.success and run.dt > 0.1 * run.ledger["time"][1] and run.blow_ups == 0
+
+
+@pytest.mark.parametrize(("slip_speed", "why"), [(1e-10, "friction would reverse velocities at node"), (0.1, "so stiff there")])
+def test_a_collapse_of_the_step_is_called_by_its_name(monkeypatch, slip_speed, why):
+    """Without friction nothing collapses in a healthy state, so the floor is raised there."""
+    if slip_speed == 0.1:
+        monkeypatch.setattr(sys.modules["skfem_stvk.dynamics.stable_step"], "FLOOR", 2.0)
+    run = simulate(on_floor(slip_speed), VelocityVerlet(), until=0.02, quiet=True, raise_on_failure=False)
+    assert run.status is Status.STOPPED and "blew up" not in run.message
+    assert run.message.startswith("stopped soon after t = ") and "the stable step fell from" in run.message and why in run.message
+    assert ("Take a larger slip_speed, or an implicit integrator" in run.message) == (slip_speed < 0.1)

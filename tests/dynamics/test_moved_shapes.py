@@ -26,7 +26,7 @@ from skfem_stvk.dynamics.integrators import StepFailed
 from skfem_stvk.mesh import box
 
 DT = 1e-3
-INTEGRATORS = [LinearBackwardEuler(DT), BackwardEuler(DT), EnergyMomentum(DT), VelocityVerlet(1e-4)]
+INTEGRATORS = [LinearBackwardEuler(DT), BackwardEuler(DT), EnergyMomentum(DT), VelocityVerlet(5e-5)]
 MESH = box((0.1, 0.1, 0.1), (3, 3, 3))
 
 
