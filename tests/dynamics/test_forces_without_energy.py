@@ -61,7 +61,7 @@ def without_value(ledger):
 
 @pytest.mark.parametrize("law", [at_vertices, by_stress, in_frames])
 def test_energy_momentum_has_the_work_of_the_force_at_the_middle(law):
-    """That force acts in the step, so that its work balances the energies to round-off."""
+    """Its work balances the energies to round-off, because this force acts in the step."""
     system, integrator = body(law, True), INTEGRATORS["EnergyMomentum"]
     sim = Simulation(system, integrator, ledger=True)
     sim.step(until=0.1)
