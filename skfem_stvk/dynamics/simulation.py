@@ -491,8 +491,7 @@ class Simulation:
         """
         if not isinstance(saved, SavedState) or saved.key is not self._key:
             what = "a state of another simulation" if isinstance(saved, SavedState) else shown(saved)
-            remedy = "To continue in another one, save() this state and load() it."
-            raise StvkError(f"restore({what}); expected a result of copy_state() of this simulation. {remedy}")
+            raise StvkError(f"restore({what}); expected a result of copy_state() of this simulation.")
         if saved.system is not self.system:
             self._motion.replace_system(saved.system)
         self._record.removed, self._record.removed_at = saved.removed

@@ -95,7 +95,7 @@ class Barrier:
     def collisions_along(self, x0: Array, x1: Array, points: Iterable[float]) -> list[Collisions]:
         """Return the collisions at `x0 + s (x1 - x0)` for each of the points `s` between 0 and 1, from one search."""
         pairs = self._near_pairs(x0, x1)
-        return [self._among(pairs, np.asfortranarray(x0 + s * (x1 - x0))) for s in points]
+        return [self._among(pairs, np.asfortranarray((1 - s) * x0 + s * x1)) for s in points]
 
     def _among(self, pairs: Any, x: Array) -> Collisions:
         """Return the collisions at `x` among pairs of primitives."""
@@ -166,6 +166,10 @@ class Barrier:
         x, y = np.asfortranarray(x), np.asfortranarray(y)
         search = self._toolkit.LBVH()
         return float(self._toolkit.compute_collision_free_stepsize(self._mesh, x, y, 0.0, search, self._detection))
+
+    def smallest_distance(self, at: Collisions) -> float:
+        """Return a distance [m] below which no two primitives are, at most that of the barrier."""
+        return min(float(np.sqrt(at.found.compute_minimum_distance(self._mesh, at.x))), self.distance)
 
     def smallest_distances(self, at: Collisions) -> Array:
         """Return the smallest distance (m,) of each vertex's primitives in the collisions [m]; infinity where there are none."""

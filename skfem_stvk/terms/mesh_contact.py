@@ -465,7 +465,10 @@ class BoundMeshContact:
 
     def contact_limit(self, u: Array, v: Array) -> float:
         """Return the largest `s <= 2` up to which nothing passes through anything on the way `u + s v`."""
-        return 2 * self._barrier.limit(self._moved(u), self._moved(u + 2 * v))
+        x, y = self._moved(u), self._moved(u + 2 * v)
+        if 2 * np.linalg.norm(y - x, axis=1).max() < self._barrier.smallest_distance(self._collisions(x)):
+            return 2.0  # too short a way to meet
+        return 2 * self._barrier.limit(x, y)
 
     def passes(self, u0: Array, u1: Array) -> bool:
         """Return whether something passes through something on the straight way from `u0` to `u1` (nv, d)."""

@@ -292,6 +292,20 @@ def test_contact_limit_is_the_fraction_of_the_way_at_which_surfaces_meet():
     assert term.passes(0 * down, through) and not len(term._barrier.intersections(term._moved(through)))
 
 
+@pytest.mark.parametrize("start", [0.0, 2 * DISTANCE])
+def test_surfaces_that_approach_each_other_meet_and_short_ways_take_no_search(start, monkeypatch):
+    system, _ = pair()
+    term, (u, v) = system.bound_terms[1], np.zeros((2, system.mesh.nv, 3))
+    u[upper(system), 2], v[:, 2] = start, 1.0
+    v[upper(system), 2] = -1.0
+    gap, searches, search = GAP + start, [], ipc.Barrier.limit
+    monkeypatch.setattr(ipc.Barrier, "limit", lambda *ends: searches.append(1) or search(*ends))
+    for part in (0.3, 0.4, 0.49, 1.0):
+        assert term.contact_limit(u, part * gap * v) == pytest.approx(0.5 / part, rel=2e-3) and searches
+    searches.clear()
+    assert term.contact_limit(u, 0.24 * min(gap, DISTANCE) * v) == 2.0 and not searches
+
+
 def test_collisions_of_a_body_that_is_stretched_far_are_found_without_a_grid(monkeypatch):
     """A grid with cells of the usual size would fill the memory. Where both can be used, the energies agree."""
     system, _ = pair()
