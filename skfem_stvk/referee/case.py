@@ -210,8 +210,9 @@ class Case:
 def nearby_states(u: Array, d: int) -> list[Array]:
     """Return two states near `u` (ndofs,) that a cache may confuse with `u`.
 
-    The first one is `u` times 1.000001. The second one differs at a node in the middle of the list, in the plane at two nodes, on a
-    line at three, by at least `NEAREST` times the largest entry. All `KEYS` have the same values as at `u`, or as many as possible.
+    The first one is `u` times 1.000001. The second one differs at a node in the middle of the list (two in the plane, three on a
+    line). The change is `NEAREST` times the largest entry, up to twice that. All `KEYS` have the same values as at `u`, or as many
+    as possible.
     """
     count, unit = min(-(-3 // d), len(u) // d), 2 * np.spacing(np.abs(u).sum())  # sums of multiples of `unit` are exact
     starts, keys = np.arange(len(u) // d - count + 1), [key(u) for key in KEYS]

@@ -207,7 +207,7 @@ class _Body:
 
 
 def _memory(body: _Body) -> dict[str, Any]:
-    """Compare steps with the same steps after a step from a distant state, and after one that begins or ends nearly at their start."""
+    """Compare steps with the same steps after a step from a distant state, and after one that begins or ends nearby."""
     u, v = body.state(0.0)
     far, dt, off = body.state(body.until / 3), body.until / STEPS[0], []
     moved = body.step_once(u, v, dt)[0]

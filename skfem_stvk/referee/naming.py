@@ -178,11 +178,11 @@ def _direct_explanations(evidence: Evidence) -> Iterator[tuple[bool, tuple[str, 
     rounded = decimal or (VANISHES < error < COARSE and _is_rounding(evidence))
     yield rounded, (SINGLE, f"errors of {error:.0e} {evidence_of_rounding}: sums, positions or output in float32")
     others = [quantity for quantity in evidence.quantities if quantity != "K"]
-    if "K" in evidence.quantities and all(evidence.of(quantity).error(evidence.truth) <= VANISHES for quantity in others):
+    if all(evidence.of(quantity).error(evidence.truth) <= VANISHES for quantity in others):
         words = "K is that of the previous call's state: the cached K is not updated"
-        yield _is_stale(evidence), ("K of the state before", words)
+        yield "K" in evidence.quantities and _is_stale(evidence), ("K of the state before", words)
         cached = ", ".join(quantity for quantity in evidence.quantities if _is_cached(evidence, quantity))
-        words = f"{cached} is not recomputed if u has hardly changed: u is compared by `numpy.allclose`, its norm, text or first entries"
+        words = f"{cached} is not recomputed if u has hardly changed, for example because of `numpy.allclose`, or the norm as a key"
         yield bool(cached), (f"{cached} cached while u is nearly the same", words)
 
 

@@ -182,7 +182,7 @@ def with_error_in(element, error):
 
 @pytest.mark.parametrize("element", [0, 5, 29, 47])
 def test_the_location_of_an_unexplained_fault_is_in_the_wrong_element(element):
-    """An error of one element at rest is located there, and no node is blamed. An error of strain is located by one of its nodes."""
+    """An error of one element at rest is located there. An error that grows with the strain is located by one of its nodes."""
     naming = named(with_error_in(element, lambda u: 0.1))
     assert naming.names == [] and naming.smallest == f"W and F are correct. It fails at rest, in the elements {element}."
     naming = named(with_error_in(element, lambda u: np.ptp(u.reshape(-1, 3), axis=0).max()))
