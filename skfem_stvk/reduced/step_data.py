@@ -67,8 +67,8 @@ def step_data(body: PrecomputedCoordinates) -> dict[str, Array]:
     bad = [name for name in (*names, *lifts) if not _is_line(name)]
     if bad:
         raise StvkError(
-            f"The name of a location is {shown(bad[0])} ({len(bad)} such); expected one line of 1 to {LONGEST} bytes in UTF-8, with "
-            "the component of a lift, that does not begin with a blank. Rename it, or save as .npz."
+            f"The name of a location is {shown(bad[0])} ({len(bad)} such); expected one line of 1 to {LONGEST} bytes in UTF-8, "
+            "with the component of a lift, that does not begin with a blank. Rename it, or save as .npz."
         )
     at = [vertices_at(mesh, name, f"location {name!r}") for name in names]
     nodes = np.concatenate([np.empty(0, dtype=np.int64), *at])

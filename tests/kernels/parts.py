@@ -8,7 +8,7 @@ from kernels import readable, readable_networks
 
 from skfem_stvk.edges import abilities, assembly, elements, network, pairs, streaming, topology
 from skfem_stvk.kernels import threads
-from skfem_stvk.mesh import displacements
+from skfem_stvk.mesh import displacements, facets
 from skfem_stvk.system import pattern
 from skfem_stvk.terms import at_points, volume_penalty
 
@@ -18,7 +18,8 @@ BY_NAME = {
     network: ("lexicographic_order",),
     pairs: ("lexicographic_order",),
     streaming: ("assign_slots", "last_uses"),
-    topology: ("edges_of_simplices", "lexicographic_order", "numbers_by_first_use", "stars"),
+    facets: ("edges_of_simplices",),
+    topology: ("lexicographic_order", "numbers_by_first_use", "stars"),
     pattern: ("expand", "block_indices", "lexicographic_order", "stars"),
 }
 

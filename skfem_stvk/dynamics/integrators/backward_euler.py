@@ -148,8 +148,8 @@ class LinearBackwardEuler(BackwardEuler):
             )
         if motion.tau and (others := damped_beside_edges(motion.system)):
             raise StvkError(
-                f"LinearBackwardEuler: EdgeDamping would also damp {', '.join(dict.fromkeys(others))}; expected laws on edges alone. "
-                "Take Rayleigh(beta=tau), or BackwardEuler."
+                f"LinearBackwardEuler: EdgeDamping would also damp {', '.join(dict.fromkeys(others))}; expected laws on edges "
+                "alone. Take Rayleigh(beta=tau), or BackwardEuler."
             )
         if rest and motion.system.contacts:
             raise StvkError(
