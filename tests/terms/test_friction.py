@@ -87,6 +87,20 @@ def test_a_block_slides_with_coulombs_acceleration_and_reports_coulombs_force(co
         assert -along / normal == pytest.approx(MU, rel=0.01)
 
 
+@pytest.mark.parametrize("name", EVERY)
+def test_a_support_that_drags_a_block_over_a_floor_carries_its_friction(name):
+    mesh, speed = at(box((SIZE,) * 3, (2, 2, 2)), 0.0, -1e-4), 0.1
+
+    def bottom(x):
+        return x[2] < 0
+
+    floor = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), bottom, friction=RUBBING, name="floor")
+    system = System(mesh, [STIFF, floor], fixed={bottom: "yz"}, prescribed={bottom: {"x": lambda t: speed * t}})
+    run = moved(system, EVERY[name], speed, until=0.01)
+    force, N = run.reaction(bottom).resultant, run.contact("floor").resultant[2]
+    assert N > 1.0 and abs(force[0] - MU * N) < 0.01 * MU * N and abs(force[2] + N) < 0.01 * N
+
+
 @pytest.mark.parametrize(("contact", "name", "x"), CASES)
 def test_a_block_that_stops_below_the_friction_angle_sticks_without_chatter(contact, name, x):
     """Its speed, with that of vibrations, falls below 1 % of that at the start, and does not alternate from step to step."""

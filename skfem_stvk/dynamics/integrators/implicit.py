@@ -226,8 +226,10 @@ class ImplicitStepper(Stepper):
         np.copyto(state.u, u1)
         if before is None:
             state.reaction[fixed] = self.integrator.weight * self.problem.full[fixed]
-        else:  # forces at the end differ from the mean over the step by O(h)
-            forces = motion.force(before.u, before.v, before.t) + motion.force(state.u, state.v, state.t)
+        else:  # forces at the end differ from the mean over the step by O(h); friction is zero at the beginning
+            forces = motion.force(before.u, before.v, before.t)
+            with motion.system.assuming(None, friction=2.0):
+                forces += motion.force(state.u, state.v, state.t)
             state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
 
     def store_forces(self, before: MotionState, state: MotionState) -> None:
