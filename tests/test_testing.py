@@ -145,7 +145,7 @@ def test_the_text_of_a_failure_has_a_line_for_each_kind_and_no_control_character
     with pytest.raises(Inconsistent) as failure:
         assert_consistent(Changed(OTHER, internal_force=broken, tangent=lambda K, u: 2 * K), MESH, seed=3)
     first, *lines = str(failure.value).splitlines()
-    assert first == "Changed is not consistent: 0 of 42 checks failed, 28 could not run (seed 3)"
+    assert first == "Changed is not consistent: 0 of 48 checks failed, 30 could not run (seed 3)"
     assert all(line.startswith(("failed", "could not run: ")) for line in lines) and len(lines) == 5
     assert str(failure.value).replace("\n", "").isprintable() and "first line second \\x1b[31mred" in lines[0]
 

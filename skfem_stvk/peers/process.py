@@ -138,11 +138,9 @@ class AnsweringProcess:
         limit.daemon = True
         limit.start()
         try:
-            with _broken_pipes_raise():
+            with suppress(OSError), _broken_pipes_raise():  # a process that has ended may have left an answer
                 _send(self._process.stdin, question)
             answer = _receive(self._process.stdout, longest)
-        except OSError:  # a broken pipe
-            answer = None
         finally:
             limit.cancel()
         if answer is not None:

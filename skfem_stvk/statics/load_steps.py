@@ -107,7 +107,7 @@ class LoadSteps(Continuation):
             found = self._newton(u + push / np.abs(mode).max() * mode, t, False)
             if isinstance(found, Attempt):
                 return None
-            moved = np.linalg.norm((found[0] - u).reshape(-1, mesh.d), axis=1).max()
+            moved = np.sqrt(((found[0] - u).reshape(-1, mesh.d) ** 2).sum(axis=1).max())
             if moved > distance / 2 or not stability_of(problem, found[0], t).stable:
                 return None
             found[2].detail = SETTLED.format(moved=moved, m=problem.system.units.of("m"))

@@ -79,7 +79,7 @@ def test_linear_backward_euler_is_stable_with_stiff_springs():
 
 def test_edge_damping_that_would_damp_springs_is_refused():
     system = sprung(2)
-    with pytest.raises(StvkError, match="EdgeDamping would also damp follower loads"):
+    with pytest.raises(StvkError, match="EdgeDamping would also damp PointSpring"):
         Scene(system, velocities(system.mesh), EdgeDamping(1e-3)).run(LinearBackwardEuler(0.01), 0.02)
 
 

@@ -3,7 +3,6 @@
 import sys
 from contextlib import contextmanager
 
-import numba
 from kernels import readable, readable_networks
 
 from skfem_stvk.edges import abilities, assembly, elements, network, pairs, streaming, topology
@@ -27,7 +26,7 @@ BY_NAME = {
 def in_parts(monkeypatch, n):
     """Divide work into `n` parts from now on, independently of the number of threads; some parts of a tiny mesh are empty."""
     monkeypatch.setattr(threads, "SMALLEST_PART", 1)
-    monkeypatch.setattr(numba, "get_num_threads", lambda: n)
+    monkeypatch.setattr(threads.parallel, "_get_num_threads", lambda: n, raising=False)
 
 
 def on_twins(monkeypatch):

@@ -1,4 +1,4 @@
-"""What a scene does not name costs nothing: no arrays, and no packages."""
+"""Parts that a scene does not name cost nothing: no arrays, and no packages."""
 
 import json
 import subprocess

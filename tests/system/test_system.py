@@ -22,6 +22,7 @@ from skfem_stvk import (
     StvkWarning,
     System,
     VolumePenalty,
+    arguments,
 )
 
 TERM = StVK(young=2.0, poisson=0.3)
@@ -231,10 +232,8 @@ def test_a_bad_state_is_refused(call, u, message):
 
 
 def test_too_large_a_matrix_is_refused_before_its_creation(monkeypatch):
-    from skfem_stvk.mesh import mesh as meshes
-
     body = System(MESHES["tetrahedra"], TERM)
-    monkeypatch.setattr(meshes, "LARGEST_INDEX", 1000)
+    monkeypatch.setattr(arguments, "LARGEST_INDEX", 1000)
     with pytest.raises(MeshError, match="values of K are more than 32-bit indices can count"):
         body.tangent(np.zeros(body.ndofs))
 

@@ -71,7 +71,7 @@ def test_products_diagonals_lines_and_round_off_agree_with_the_matrix(case):
     u, v = (state(mesh, seed=seed).reshape(-1, mesh.d) for seed in (1, 2))
     K = dense(term, mesh, u)[0]
     paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
-    energy, blocks = paired.blocks(u, kept=TENSILE)
+    energy, blocks = paired.blocks(u, np.zeros(u.shape), kept=TENSILE)
     out, diagonal, size = np.zeros(u.shape), np.zeros((mesh.nv, mesh.d, mesh.d)), np.zeros(u.shape)
     paired.pairs.add_product(blocks, v, out)
     paired.pairs.add_diagonal(blocks, diagonal)
