@@ -136,7 +136,7 @@ class MotionHeader(Header):
     seconds: dict[str, Annotated[float, Field(ge=-1)]]  # run time by part; "other" may be negative by rounding
     probes: list[str]
     reactions: list[str]
-    supports: dict[str, str] = Field(default_factory=dict)  # words of the support of each reaction; empty for another location
+    supports: dict[str, str]  # words of the support of each reaction; empty for another location
     columns: list[str]
     save: str | None  # series as the user named it; a resumed run uses its file name alone, see `outputs._series_next_to`
     every: PositiveInt  # steps from one saved state to the next
@@ -328,6 +328,8 @@ def refuse_inconsistent(saved: Saved, motion: Motion, integrator: Integrator) ->
     """
     header, ledger, system = saved.header, saved.ledger, motion.system
     probes, reactions = _vertices(saved, "probes", header.probes), _vertices(saved, "reactions", header.reactions)
+    if list(header.supports) != header.reactions:
+        raise ValueError(f"it has supports of {list(header.supports)}, and reactions of {header.reactions}")
     locations = LedgerLocations.checked(system, probes, reactions, header.supports)
     if lost := [words for name, words in header.supports.items() if locations.reactions[name].support != words]:
         raise ValueError(f"it records the reaction of the support {lost[0]}, which the system lacks")

@@ -47,10 +47,13 @@ class Textbook(Dense):
     def support(self, t):
         return np.stack(moved(self.x, t)[: self.mesh.d], axis=1).ravel()
 
+    def speed(self, t, h):
+        """Return the velocities of the supports at `t`, from the side of `h`."""
+        return (4 * self.support(t + h) - self.support(t + 2 * h) - 3 * self.support(t)) / (2 * h)
+
     def start(self):
         u, v = self.u0.copy(), velocities(self.mesh)
-        step = 1e-4
-        v[self.constrained] = (self.support(step) - self.support(-step)) / (2 * step)
+        v[self.constrained] = self.speed(0.0, DT / 100)
         a = np.zeros(self.n)
         force = self.h(0.0) - self.resistance(u, v) - self.F(u)
         a[self.free] = np.linalg.solve(self.M[np.ix_(self.free, self.free)], force[self.free])
@@ -85,7 +88,8 @@ def forward_euler(it, state, w, t):
 
 def velocity_verlet(it, state, w, t):
     half, m = state.v + DT / 2 * state.a, np.diag(it.M)
-    v = 2 * w / DT - state.v
+    v = np.zeros(it.n)
+    v[it.constrained] = it.speed(t, -DT / 100)
     state.u = state.u + w
     state.u[it.free] += (DT * half - w)[it.free]
     v[it.free] = (half + DT / 2 * state.a)[it.free]
@@ -109,28 +113,38 @@ def linear_backward_euler(tangent):
     return step
 
 
-def solved(residual, ends):
-    """Return a step that solves an equation for `w`; `ends` returns the new velocities and accelerations."""
+def solved(residual, ends, speeds=None):
+    """Return a step that solves an equation for `w`; `ends` returns the new velocities and accelerations from `w`.
+
+    With the `speeds` of supports, they are led by other displacements than those that are prescribed.
+    """
 
     def step(it, state, w, t):
-        w = root(lambda w: residual(it, state, w, t), w, it.free)
+        def led(w):
+            """Return `w` with the displacements that lead to the velocities of the supports."""
+            w = w.copy()
+            if speeds is not None:
+                w[it.constrained] = speeds(state, it.speed(t, -DT / 100), it.constrained)
+            return w
+
+        w = root(lambda w: residual(it, state, w, led(w), t), w, it.free)
         u = state.u + w
-        state.v, state.a = (np.asarray(x) for x in ends(state, w))
+        state.v, state.a = (np.asarray(x) for x in ends(state, led(w)))
         state.u = u
 
     return step
 
 
-def backward_euler(it, state, w, t):
+def backward_euler(it, state, w, _, t):
     u = state.u + w
     edges = it.tau / DT * it.pull(u, it.strain(u) - it.strain(state.u))
     return it.M @ (w - DT * state.v) / DT**2 + it.linear_resistance(w / DT) + edges + it.F(u) - it.h(t)
 
 
-def energy_momentum(it, state, w, t):
+def energy_momentum(it, state, w, led, t):
     middle, before, after = state.u + w / 2, it.strain(state.u), it.strain(state.u + w)
     internal = it.pull(middle, (before + after) / 2) + it.tau / DT * it.pull(middle, after - before)
-    return 2 * it.M @ (w / DT - state.v) / DT + it.linear_resistance(w / DT) + internal - (it.h(state.t) + it.h(t)) / 2
+    return 2 * it.M @ (led / DT - state.v) / DT + it.linear_resistance(w / DT) + internal - (it.h(state.t) + it.h(t)) / 2
 
 
 def newmark_ends(beta, gamma):
@@ -141,25 +155,37 @@ def newmark_ends(beta, gamma):
     return ends
 
 
+def newmark_speeds(beta, gamma):
+    """Return the displacements that lead to the velocities `v1` of supports: `a1 = ((v1 - v)/T - (1 - gamma) a)/gamma`."""
+
+    def speeds(state, v1, s):
+        v, a = state.v[s], state.a[s]
+        a1 = ((v1 - v) / DT - (1 - gamma) * a) / gamma
+        return DT * v + DT**2 * ((0.5 - beta) * a + beta * a1)
+
+    return speeds
+
+
 def newmark(beta, gamma):
-    def residual(it, state, w, t):
-        v, a = newmark_ends(beta, gamma)(state, w)
+    def residual(it, state, w, led, t):
+        v, a = newmark_ends(beta, gamma)(state, led)
         return it.M @ a + it.resistance(state.u + w, v) + it.F(state.u + w) - it.h(t)
 
-    return solved(residual, newmark_ends(beta, gamma))
+    return solved(residual, newmark_ends(beta, gamma), newmark_speeds(beta, gamma))
 
 
 def generalized_alpha(rho):
     alpha_m, alpha_f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
-    ends = newmark_ends((1 - alpha_m + alpha_f) ** 2 / 4, 0.5 - alpha_m + alpha_f)
+    factors = (1 - alpha_m + alpha_f) ** 2 / 4, 0.5 - alpha_m + alpha_f
+    ends = newmark_ends(*factors)
 
-    def residual(it, state, w, t):
-        v, a = ends(state, w)
+    def residual(it, state, w, led, t):
+        v, a = ends(state, led)
         after = it.resistance(state.u + w, v) + it.F(state.u + w) - it.h(t)
         before = it.resistance(state.u, state.v) + it.F(state.u) - it.h(state.t)
         return it.M @ ((1 - alpha_m) * a + alpha_m * state.a) + (1 - alpha_f) * after + alpha_f * before
 
-    return solved(residual, ends)
+    return solved(residual, ends, newmark_speeds(*factors))
 
 
 TIGHT = {"rtol": 1e-12}
@@ -176,7 +202,14 @@ EQUATIONS = {
     "Newmark": (Newmark(DT, **TIGHT), newmark(0.25, 0.5)),
     "Newmark, damped": (Newmark(DT, beta=0.3025, gamma=0.6, **TIGHT), newmark(0.3025, 0.6)),
     **{f"GeneralizedAlpha, {rho}": (GeneralizedAlpha(DT, rho=rho, **TIGHT), generalized_alpha(rho)) for rho in (0, 0.3, 0.8, 1)},
-    "EnergyMomentum": (EnergyMomentum(DT, **TIGHT), solved(energy_momentum, lambda state, w: (2 * w / DT - state.v, state.a))),
+    "EnergyMomentum": (
+        EnergyMomentum(DT, **TIGHT),
+        solved(
+            energy_momentum,
+            lambda state, w: (2 * w / DT - state.v, state.a),
+            lambda state, v1, s: DT * (v1 + state.v[s]) / 2,
+        ),
+    ),
 }
 
 
