@@ -275,7 +275,7 @@ if comm.rank == 0:
 def test_no_rank_holds_much_more_than_its_share(on_ranks, tmp_path):
     """The share is a part of the peak memory of one rank that reads the whole file, less that of the imports.
 
-    One rank does not renumber its nodes, and needs less memory than two ranks together.
+    One rank does not renumber its nodes. It takes 21 MB here, and took 35 MB when it did; two ranks take 16 to 18 MB each.
     """
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 3, 70), np.linspace(0, 1, 24), np.linspace(0, 1, 24))
     write_partition(mesh, tmp_path / "beam.h5", 24)
@@ -286,7 +286,7 @@ def test_no_rank_holds_much_more_than_its_share(on_ranks, tmp_path):
         assert sum(nt for _, nt, *_ in found) == mesh.nelements and (ranks == 1 or min(of[3] for of in found) > 0)
         peaks[ranks] = max(of[0] for of in found)
     assert mesh.nelements > 200_000 and peaks[1] > 20
-    assert max(ranks * peak / peaks[1] for ranks, peak in peaks.items()) <= 1.75
+    assert max(ranks * peak / peaks[1] for ranks, peak in peaks.items()) <= 2
     assert 3 * peaks[3] <= 1.2 * 2 * peaks[2]
 
 
