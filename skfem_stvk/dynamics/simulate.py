@@ -261,9 +261,9 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         u, v = body.state(u, moment), body.state(v, moment)
     state = MotionState.at(t0, body.prescribe(u, moment), v, motion.force_rows)
     state.v[motion.free.fixed] = motion.constrained_velocities(t0, dt)
-    motion.store_forces(state)
     if not (space.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads or system.contacts):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
+    motion.store_forces(state)
     return state
 
 
