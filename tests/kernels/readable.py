@@ -41,11 +41,11 @@ from skfem_stvk.kernels.discrete_gradient import DiscreteGradient
 from skfem_stvk.kernels.element_assembly import MeanStress, StressOfRates
 from skfem_stvk.kernels.invertible_law import InvertibleLaw
 from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
-from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.linear_law import LinearGeneralLaw, LinearIsotropicLaw
 from skfem_stvk.kernels.neo_hookean_law import NeoHookeanLaw, NeoHookeanSheet
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
 from skfem_stvk.kernels.simplex_topology import OWN
+from skfem_stvk.kernels.st_venant_kirchhoff import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.svd import LINE, SHEET
 from skfem_stvk.kernels.tension_fields import TensionLaw
 from skfem_stvk.kernels.volume_energies import BARRIER, COMPRESSION, QUADRATIC
