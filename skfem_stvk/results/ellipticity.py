@@ -23,6 +23,7 @@ from ..arguments import Array
 from ..edges.stiffness import VOIGT, multiplicity, voigt_indices
 from ..errors import StvkError, name_ids
 from ..terms.laws.volume_penalty import ENERGIES
+from ..terms.term import given
 from .law_on_elements import adjugate, dilation, strain_and_stress
 from .response import ElasticBody, Masked, Response
 
@@ -49,7 +50,7 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
     """
     mesh, lowest = state.fields.mesh, np.zeros(state.fields.mesh.nt)
     missing = state.fields.without_term | (mesh.k < mesh.d)
-    if mesh.k == mesh.d and any(part.known for part in state.fields.parts):
+    if mesh.k == mesh.d and any(part.law.has_stress for part in state.fields.parts):
         refuse_other_laws(state.fields)  # alike in all parts of a divided body, also in one without elements of the law
     if len(ids := np.flatnonzero(~missing)):
         lowest[ids] = _smallest_of(ids, *_response(state))
@@ -59,8 +60,8 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
 def refuse_other_laws(fields: ElasticBody) -> None:
     """Refuse a body with a law other than St. Venant-Kirchhoff's: the tensors here are those of that law."""
     for part in fields.parts:
-        if part.law is not None or part.linear:
-            law = "LinearElastic" if part.linear else type(part.law).__name__
+        if part.law.has_response or part.law.small_strain:
+            law = type(given(part.law)).__name__
             ids = fields.mesh.element_numbers[part.elements]
             where = f"{name_ids(ids, 'element')} in {law}" if len(ids) else law
             raise StvkError(
@@ -120,7 +121,7 @@ def _response(state: Response) -> tuple[Array, Array, Array, Array]:
             unit = np.zeros((len(ids), k, k))
             unit[:, i[column], j[column]] = unit[:, j[column], i[column]] = 1.0 if i[column] == j[column] else 0.5
             C[ids, :, column] += (
-                share * strain_and_stress(part.material, part.hypothesis, unit, state.point.frames[ids])[1][:, i, j]
+                share * strain_and_stress(part.law.material, part.hypothesis, unit, state.point.frames[ids])[1][:, i, j]
             )
     E = state.strain[:, i, j] * multiplicity(k)
     S = (C @ E[..., None])[..., 0]

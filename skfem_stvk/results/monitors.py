@@ -14,7 +14,6 @@ from ..errors import name_ids
 from ..mesh import ElementMesh
 from ..system import System
 from ..system.bound import FLAT
-from ..terms import HasStress
 from .ellipticity import refuse_other_laws, without_ellipticity
 from .fields import Fields
 
@@ -91,7 +90,7 @@ class Monitors:
             return ()
         ratio = np.full(self._system.mesh.nt, -1.0)
         for term in self._system.body.terms:
-            if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
+            if term.is_law and not term.hypothesis(self._system.mesh).condensed:
                 elements = self._system.mesh.elements(term.region)
                 ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))
         largest = self._system.space.most(float(ratio.max(initial=-1.0)))

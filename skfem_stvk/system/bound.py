@@ -30,6 +30,7 @@ from ..terms.bound_load import bound_load
 from ..terms.connectivity import Connected
 from ..terms.loads.load import Moment, Time
 from ..terms.protocols import Assumption, set_time
+from ..terms.term import given, specified
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.
 FLAT = 1e-9
@@ -53,16 +54,17 @@ class BoundTerms:
         quadrature: Quadrature | None = None,
         connectivity: Connected | None = None,
     ) -> None:
-        self.mesh, self.dtype, self.terms = mesh, np.dtype(dtype), tuple(terms)
+        specifications = [specified(term) for term in terms]
+        self.mesh, self.dtype, self.terms = mesh, np.dtype(dtype), tuple(map(given, specifications))
         beside = () if connectivity is None else connectivity.beside
-        of = (0,) * len(self.terms) if connectivity is None else connectivity.of
-        self.loads: tuple[Load, ...] = tuple(filter(is_load, self.terms))
-        self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
+        of = (0,) * len(specifications) if connectivity is None else connectivity.of
+        self.loads: tuple[Load, ...] = tuple(filter(is_load, specifications))
+        self.elastic_terms: tuple[Any, ...] = tuple(term for term in specifications if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
         if mesh.space.divided:
-            _refuse_not_additive(self.terms)
-        self._of = tuple(number for number, term in zip(of, self.terms, strict=True) if not is_load(term))
+            _refuse_not_additive(specifications)
+        self._of = tuple(number for number, term in zip(of, specifications, strict=True) if not is_load(term))
         others = [Body(one, self._terms_on(number)) for number, one in enumerate(beside, start=1)]
         self.body = Body(mesh, self._terms_on(0), quadrature, others)
         bodies = (self.body, *others)
@@ -95,8 +97,8 @@ class BoundTerms:
         self.foundations = [term for term in self.bound_terms if term.grounded is not None]
         self._with_history = [one for one in every if one.has_history]
         self._with_changing_pairs = [one for one in every if one.pairs_change]
-        specified = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
-        self.on_elements = [(number, of, term) for number, of, term in specified if isinstance(term, BoundElements)]
+        elastic = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
+        self.on_elements = [(number, of, term) for number, of, term in elastic if isinstance(term, BoundElements)]
         self._with_volume: list[tuple[NDArray[np.int64], BoundElements]] = []
         known = np.zeros(self.mesh.nt, dtype=bool)
         for specification, term in self._on_elements_of_mesh:
@@ -152,9 +154,9 @@ class BoundTerms:
 
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
-        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not bound.removable]
+        unsupported = [type(given(term)).__name__ for term, bound in self._on_mesh if not bound.removable]
         unsupported += [
-            type(load).__name__
+            type(given(load)).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
             if not bound.removable and (bound.has_history or bound.pairs_change)
         ]
@@ -170,7 +172,7 @@ class BoundTerms:
         removed[elements] = True
 
         def remaining(specification: Any, bound: Any) -> Any:
-            return bound.without(removed[self.mesh.elements(getattr(specification, "region", None))])
+            return bound.without(removed[self.mesh.elements(specification.region)])
 
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         terms = [term if number else remaining(specification, term) for number, specification, term in every]
@@ -207,7 +209,7 @@ class BoundTerms:
     @property
     def resists_inversion(self) -> bool:
         """Whether a term resists the inversion of elements, as `VolumePenalty` does."""
-        return any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
+        return any(term.resists_inversion for term in self.elastic_terms)
 
     @property
     def conservative(self) -> bool:
@@ -365,7 +367,7 @@ class BoundTerms:
 
 def _refuse_not_additive(terms: Sequence[Any]) -> None:
     """Raise StvkError for terms of which the forces of the parts of a divided body do not add up to those of the body."""
-    if names := [f"{type(term).__name__} {n}" for n, term in enumerate(terms) if not getattr(term, "per_element", False)]:
+    if names := [f"{type(given(term)).__name__} {n}" for n, term in enumerate(terms) if not term.per_element]:
         raise StvkError(
             f"{', '.join(names)}: not a sum over elements (per_element = False), so the forces of the parts of a divided body "
             "would not add up; expected other terms, such as StVK(...), or one rank."
@@ -377,8 +379,4 @@ def checked_terms(value: Any) -> tuple[Any, ...]:
     terms = tuple(value) if isinstance(value, Sequence) else (value,)
     if not terms:
         raise StvkError("Got no terms; expected at least one, such as StVK(young=..., poisson=...).")
-    for term in terms:
-        if isinstance(term, type) or not hasattr(term, "bind"):
-            name = term.__name__ if isinstance(term, type) else type(term).__name__
-            raise StvkError(f"Got a term of type {name}; expected StVK(...) or a list of terms.")
-    return terms
+    return tuple(specified(term) for term in terms)

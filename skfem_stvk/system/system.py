@@ -30,8 +30,6 @@ from ..terminal import html_table
 from ..terms import (
     BoundLoad,
     HasContact,
-    HasStress,
-    HoldsShape,
     Load,
     MeshContact,
     Term,
@@ -876,10 +874,7 @@ class System(BoundTerms):
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.body.terms:
-            if isinstance(term, HasStress):
-                solid[self.mesh.elements(term.region)] = True
-            elif isinstance(term, HoldsShape):
-                solid[term.elements_held_in_shape(self.mesh)] = True
+            solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
         x, touching = self._state(np.zeros(self.ndofs) if u is None else u), None
         if self.contacts:
@@ -1043,7 +1038,7 @@ class System(BoundTerms):
         >>> print(*System(plate, StVK(young=2.1e5, poisson=0.3, density=7850.0), units="mm-N-MPa").implausible())
         material 0.density = 7850 t/mm^3 is unusual; usual are 1e-11 to 3e-08 t/mm^3: 7850 kg/m^3 is 7.85e-09 t/mm^3. ...
         """
-        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if hasattr(term, "material")]
+        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if term.material is not None]
         size = float(np.ptp(self.mesh.bounds, axis=1).max())
         return list(questions(self.units, size, ((f"material {number}", law) for number, law in enumerate(laws))).values())
 

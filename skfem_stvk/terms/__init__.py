@@ -23,18 +23,12 @@ from .loads.rigid_mesh import RigidMesh
 from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .loads.times import Ramp, Sine, Table
 from .protocols import (
-    Deformation,
     DoesWork,
     HasContact,
-    HasPressure,
-    HasResponse,
-    HasStress,
-    HoldsShape,
     Load,
-    PointResponse,
-    Term,
     is_load,
 )
+from .term import Deformation, PointResponse, Term
 
 #: Terms that scenes know, by their `type`.
 TERMS: dict[str, Any] = {
@@ -71,10 +65,6 @@ __all__ = [
     "Friction",
     "Gravity",
     "HasContact",
-    "HasPressure",
-    "HasResponse",
-    "HasStress",
-    "HoldsShape",
     "InvertibleStVK",
     "LinearElastic",
     "Load",

@@ -57,7 +57,7 @@ def sampled_part(body: System, term: Any, columns: Array, count: int) -> tuple[P
 
     StvkError for terms without a material that has Young's modulus.
     """
-    if not hasattr(getattr(term, "material", None), "young") or getattr(term, "simplices", None) is not None:
+    if not hasattr(term.material, "young") or term.simplices is not None:
         raise StvkError(
             f"sampled: {type(term).__name__} cannot be sampled; expected laws on elements of the mesh with young and poisson, such "
             "as NeoHookean. Leave sampled out, so that its force is computed on the mesh."

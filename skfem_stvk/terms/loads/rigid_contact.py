@@ -24,6 +24,7 @@ from ...mesh.points import sizes_of
 from ...mesh.rules import rule_of
 from ..body import Body
 from ..protocols import Assumed, Assumption
+from ..term import Term
 from .contact_surface import elements_behind, surface_at, young_of
 from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .load import Moment, Time, Value
@@ -39,7 +40,7 @@ HALFWAY = 0.5 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class RigidContact(Specification):
+class RigidContact(Specification, Term):
     """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
 
     ::
@@ -90,7 +91,6 @@ class RigidContact(Specification):
     """
 
     error: ClassVar[type[StvkError]] = ContactError
-    per_element: ClassVar[bool] = False
     given_by: ClassVar[str] = "motion"
     on_elements: ClassVar[bool] = True
 
