@@ -87,11 +87,7 @@ class BoundTerms:
             warn(f"{mesh.name_nodes(bare)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     def _sort(self) -> None:
-        """Sort the bound terms and loads by what they can do.
-
-        Of the terms with volumes, those are listed with the ids of their elements that have elements of no earlier term; most often
-        the first term covers all elements.
-        """
+        """Sort the bound terms and loads by what they can do."""
         every: tuple[Bound, ...] = (*self.bound_terms, *self.bound_loads)
         #: Terms that tie the body to the ground, such as foundations.
         self.foundations = [term for term in self.bound_terms if term.grounded is not None]
@@ -99,13 +95,18 @@ class BoundTerms:
         self._with_changing_pairs = [one for one in every if one.pairs_change]
         elastic = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         self.on_elements = [(number, of, term) for number, of, term in elastic if isinstance(term, BoundElements)]
-        self._with_volume: list[tuple[NDArray[np.int64], BoundElements]] = []
+
+    @cached_property
+    def _with_volume(self) -> list[tuple[NDArray[np.int64], BoundElements]]:
+        """Terms that provide volume ratios, and the ids of their elements; most often the first term covers all elements."""
+        retained: list[tuple[NDArray[np.int64], BoundElements]] = []
         known = np.zeros(self.mesh.nt, dtype=bool)
         for specification, term in self._on_elements_of_mesh:
             elements = self.mesh.elements(specification.region)
             if not known[elements].all():
-                self._with_volume.append((elements, term))
+                retained.append((elements, term))
             known[elements] = True
+        return retained
 
     @property
     def space(self) -> Space:
@@ -193,7 +194,7 @@ class BoundTerms:
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
         self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
         self._sort()
-        for name in ("contacts", "working_contacts"):
+        for name in ("_with_volume", "contacts", "working_contacts"):
             self.__dict__.pop(name, None)
 
     @property
