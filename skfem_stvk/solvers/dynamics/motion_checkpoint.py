@@ -165,7 +165,7 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
     def __init__(self, path: Path, resume: bool = False, older: Path | None = None, space: Space | None = None) -> None:
         self.file, self._next = file_of(path), -np.inf
         super().__init__(output_path(path, ".npz") if self.file == path else output_folder(path), space)
-        there = of_leader(self.space, self.file.exists)
+        there = of_leader(self.space.comm, self.file.exists)
         #: File to continue from; None to begin with the initial state.
         self.source = file_of(older) if older else self.file if resume and there else None
         if older:
@@ -288,7 +288,7 @@ def _arrays_of(state: MotionState, prefix: str) -> dict[str, Array]:
 
 def _in_whole_mesh(mesh: ElementMesh, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the ids in the whole mesh of vertices of all parts, each once."""
-    every = np.concatenate(mesh.space.each(mesh.node_numbers[vertices]))
+    every = np.concatenate(mesh.space.comm.each(mesh.node_numbers[vertices]))
     return every[np.sort(np.unique(every, return_index=True)[1])]
 
 
