@@ -112,7 +112,7 @@ class BlockJacobiAnalysis:
     def _inverse_of(self, K: Operator) -> Vector:
         """Return `_inverted` of the diagonal blocks of K, which are finite in all parts of a divided body."""
         diagonal, space = np.asarray(K.diagonal_blocks()), getattr(K, "space", Space(self.n))
-        return space.together(self._inverted, diagonal)
+        return space.comm.together(self._inverted, diagonal)
 
     def _search_in_part(self, K: Operator, edges: EdgeBlocks, space: Space) -> PartCg:
         """Return conjugate gradients on the edges of one part of a divided body."""

@@ -97,9 +97,9 @@ class PartCg:
             found = kernels.step_and_precondition(begin // 3, end // 3, alpha, *arrays)
             if counted:
                 sums += found
-        square, self._rho = self._space.total(sums).tolist()
+        square, self._rho = self._space.comm.total(sums).tolist()
         self.norm = sqrt(square) if square >= 0 else nan
 
     def _dot(self, x: Vector, y: Vector) -> float:
         own = (run(products.dot, np.array([begin, end]), x, y)[0] for begin, end, counted in self._parts if counted)
-        return self._space.total(float(sum(own)))
+        return self._space.comm.total(float(sum(own)))

@@ -57,7 +57,7 @@ class TangentOperator(LinearOperator):
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that K overflows.
         """
-        energy = self.space.sum_of(self._compute_blocks, u, kept, force)
+        energy = self.space.comm.sum_of(self._compute_blocks, u, kept, force)
         self._at, self._ready = kept, True
         if force is not None:
             self.space.share(force)
@@ -153,9 +153,9 @@ class TangentOperator(LinearOperator):
         """
         self._refuse_unprepared()
         pairs, *others = self._pairs
-        edges, vertices, divided = pairs.edges, pairs.own.vertices, self.space.divided
+        edges, vertices, divided = pairs.edges, pairs.own.vertices, self.space.comm.divided
         grounding = self._blocks_of_vertices(vertices)
-        if self.space.any(grounding is None or edges is None or (divided and (bool(others) or self._mesh.d < 3))):
+        if self.space.comm.any(grounding is None or edges is None or (divided and (bool(others) or self._mesh.d < 3))):
             return None
         assert edges is not None and grounding is not None
         space = self.space if divided else None
