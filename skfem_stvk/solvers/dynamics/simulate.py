@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, flag, number, path
+from ...arguments import Array, flag, number
 from ...errors import LoadError, StvkError, SupportError, name_ids
 from ...mesh.displacements import by_vertex
 from ...mesh.locations import Where
@@ -50,7 +50,7 @@ def simulate(
     fields: Sequence[str] | None = None,
     every: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-    resume: bool | str | os.PathLike[str] = False,
+    resume: bool = False,
     overwrite: bool = False,
     quiet: bool = False,
     raise_on_failure: bool = True,
@@ -161,14 +161,8 @@ def simulate(
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
     body = checked_body(system)
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
-    older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # supported until 1.0
     output_files = OutputFiles.checked(
-        save=save,
-        fields=fields,
-        checkpoint=older if checkpoint is None else checkpoint,
-        resume=False if older or resume is None else resume,
-        overwrite=overwrite,
-        every=every,
+        save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite, every=every
     )
     rule, checkpoint_file = checked_rule(remove), None
     if rule is not None:
@@ -177,7 +171,7 @@ def simulate(
         if output_files.checkpoint is not None:
             from .motion_checkpoint import MotionCheckpoint  # imports pydantic, only if needed
 
-            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, older, body.space))
+            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, body.space))
         options = Options(
             until=until,
             integrator=integrator,
