@@ -12,11 +12,11 @@ from pathlib import Path
 
 import skfem_stvk
 from skfem_stvk import StvkError
-from skfem_stvk.cli.main import COMMANDS
-from skfem_stvk.nonlinear.newton import End
-from skfem_stvk.nonlinear.outcome import Status
-from skfem_stvk.scene import templates
-from skfem_stvk.statics.message import ADVICE
+from skfem_stvk.scenes import templates
+from skfem_stvk.scenes.commands.main import COMMANDS
+from skfem_stvk.solvers.newton.newton import End
+from skfem_stvk.solvers.newton.outcome import Status
+from skfem_stvk.solvers.statics.message import ADVICE
 
 #: Pages of the keys of scenes: file, title, and the first table on it.
 SCENE_KEYS = (
@@ -263,7 +263,7 @@ def outcomes() -> str:
         "# Outcomes, errors and warnings\n",
         "Look here for the words of a message. A result has a `status`, a `message` and `success`; an error says what was given,\n"
         "what was expected and what to do. This page is printed by `python docs/print_reference.py`.\n",
-        "```python\n>>> from skfem_stvk.nonlinear.outcome import Status\n>>> Status.UNSTABLE.value, Status.UNSTABLE.success\n"
+        "```python\n>>> from skfem_stvk.solvers.newton.outcome import Status\n>>> Status.UNSTABLE.value, Status.UNSTABLE.success\n"
         "('in equilibrium, but unstable', False)\n\n```\n",
         "## Outcomes of solves and motions\n\n`result.status` of a static solve and `run.status` of a motion:\n",
         "| status | its value | success | remedy |\n|---|---|---|---|",

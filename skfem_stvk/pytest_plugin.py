@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from .referee import Report
+    from .referee.report import Report
 
 MARKS = (
     "stvk(**arguments): checked by skfem-stvk; the arguments are defaults of stvk_referee's assertions. "

@@ -1,11 +1,12 @@
-"""Text for a terminal, tables in a uniform style, and the progress of analyses and long commands."""
+"""Text for a terminal, tables in a uniform style and for notebooks, and the progress of analyses and long commands."""
 
 from __future__ import annotations
 
+import html
 import io
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any, TypeVar
@@ -201,3 +202,17 @@ def duration(seconds: float) -> str:
     if whole < 3600:
         return f"{whole // 60} min {whole % 60} s"
     return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+def html_table(title: str, rows: Iterable[Sequence[Any]], picture: str = "") -> str:
+    """Return a table as HTML: the title, rows whose first cell is their name, and the HTML of a picture below.
+
+    >>> html_table("Bar", [("E < 1", 2.5)])
+    '<table><caption><b>Bar</b></caption><tr><th>E &lt; 1</th><td>2.5</td></tr></table>'
+    """
+    cells = (
+        [f"<th>{html.escape(str(name))}</th>", *(f"<td>{html.escape(str(value))}</td>" for value in values)]
+        for name, *values in rows
+    )
+    body = "".join(f"<tr>{''.join(row)}</tr>" for row in cells)
+    return f"<table><caption><b>{html.escape(title)}</b></caption>{body}</table>{picture}"

@@ -14,12 +14,12 @@ import skfem
 from numpy.typing import ArrayLike
 
 from .arguments import choice, flag, whole
-from .elements import ELEMENTS
-from .materials import Material
+from .edges.materials import Material
 from .mesh import MeshLike
-from .referee import Report
+from .mesh.element import ELEMENTS
 from .referee.law import verify_law
 from .referee.rendering import error_over_limit, failure_in_words
+from .referee.report import Report
 from .referee.results import CheckOutcome
 from .referee.verification import claimed_terms, verify_candidate
 from .terminal import as_text, printable

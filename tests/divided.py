@@ -14,8 +14,8 @@ from bodies import EVERY_MESH
 
 from skfem_stvk import ElasticFoundation, ElementMesh, Gravity, StVK, System
 from skfem_stvk.errors import StvkError
-from skfem_stvk.linear.space import Space
 from skfem_stvk.mesh.facets import linked
+from skfem_stvk.space import Space
 
 
 class Exchange:

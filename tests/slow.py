@@ -16,34 +16,34 @@ def slow_but(quick, values):
 
 #: Tests with many parameters, by file: `.ci/run` runs every fourth parameter, and `-m slow` the others.
 THINNED = {
-    "distributed/test_process.py": ("test_a_rank_that_fails_ends_the_job",),
-    "dynamics/test_critical_step.py": ("test_instability_is_observed_within_two_percent",),
-    "dynamics/test_elements_in_motion.py": ("test_a_free_body_falls_without_strain",),
-    "dynamics/test_equations.py": ("test_steps_are_those_of_the_equation",),
-    "dynamics/test_forces_without_energy.py": ("test_missing_energies_are_nan_and_the_rest_balances",),
-    "dynamics/test_integrators.py": (
+    "ranks/test_process.py": ("test_a_rank_that_fails_ends_the_job",),
+    "solvers/dynamics/test_critical_step.py": ("test_instability_is_observed_within_two_percent",),
+    "solvers/dynamics/test_elements_in_motion.py": ("test_a_free_body_falls_without_strain",),
+    "solvers/dynamics/test_equations.py": ("test_steps_are_those_of_the_equation",),
+    "solvers/dynamics/test_forces_without_energy.py": ("test_missing_energies_are_nan_and_the_rest_balances",),
+    "solvers/dynamics/test_integrators.py": (
         "test_an_integrator_conserves_what_it_declares_and_nothing_else",
         "test_converged_steps_do_not_depend_on_the_tangent",
         "test_errors_of_motion_and_energy_fall_with_the_declared_order",
     ),
-    "dynamics/test_interruptions.py": (
+    "solvers/dynamics/test_interruptions.py": (
         "test_ctrl_c_during_step_size_control_leaves_a_whole_step",
         "test_ctrl_c_within_a_step_leaves_a_whole_step",
     ),
-    "dynamics/test_kill_and_resume.py": (
+    "solvers/dynamics/test_kill_and_resume.py": (
         "test_a_run_resumes_bit_for_bit_from_any_checkpoint",
         "test_each_integrator_resumes_bit_for_bit_with_each_solver",
     ),
-    "dynamics/test_modes.py": (
+    "solvers/dynamics/test_modes.py": (
         "test_a_free_body_has_its_rigid_modes",
         "test_every_solver_finds_the_lowest_pairs",
     ),
-    "dynamics/test_simulation.py": (
+    "solvers/dynamics/test_simulation.py": (
         "test_a_restored_state_leads_to_the_same_steps",
         "test_steps_are_those_of_simulate_to_the_last_bit",
     ),
-    "dynamics/test_step_solvers.py": ("test_follower_loads_are_accurate_with_every_tangent",),
-    "dynamics/test_tearing.py": (
+    "solvers/dynamics/test_step_solvers.py": ("test_follower_loads_are_accurate_with_every_tangent",),
+    "solvers/dynamics/test_tearing.py": (
         "test_a_body_without_its_removed_elements_moves_like_one_built_without_them",
         "test_a_torn_run_resumes_bit_for_bit",
     ),
@@ -55,7 +55,7 @@ THINNED = {
         "test_compiled_and_readable_kernels_agree_on_elements_with_several_points",
     ),
     "linear/test_solvers.py": ("test_the_residual_is_below_rtol_and_reported_correctly",),
-    "peers/test_library.py": ("test_every_fault_is_an_error_that_names_the_function",),
+    "referee/test_library.py": ("test_every_fault_is_an_error_that_names_the_function",),
     "referee/test_candidates.py": (
         "test_K_may_be_dense_sparse_or_an_operator",
         "test_a_broken_candidate_is_never_a_pass_nor_an_exception",
@@ -94,7 +94,7 @@ THINNED = {
         "test_a_series_on_disk_gives_the_film_of_its_states",
         "test_every_kind_of_body_moves_in_a_film",
     ),
-    "statics/test_checkpoint.py": ("test_after_each_state_a_restored_continuation_has_the_same_state",),
+    "solvers/statics/test_checkpoint.py": ("test_after_each_state_a_restored_continuation_has_the_same_state",),
     "system/test_cost_of_terms.py": ("test_without_a_term_its_kernels_do_not_run_and_its_arrays_do_not_exist",),
     "system/test_divided.py": (
         "test_a_damped_motion_on_parts_is_that_of_the_whole_body",
@@ -139,7 +139,7 @@ THINNED = {
     ),
     "validation/test_hostile.py": ("test_a_planted_fault_of_each_kind_is_caught",),
     "validation/test_stability.py": ("test_the_claim_holds",),
-    "vectors/test_vectors.py": (
+    "referee/test_vectors.py": (
         "test_one_entry_of_a_file_that_is_not_a_number_is_named",
         "test_single_precision_is_named_in_results",
     ),

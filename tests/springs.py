@@ -7,7 +7,7 @@ import numpy as np
 
 from skfem_stvk.mesh.locations import vertices_at
 from skfem_stvk.terms import Load
-from skfem_stvk.terms.load import Moment, Value
+from skfem_stvk.terms.loads.load import Moment, Value
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
 """Files and rows needed for a new law, element, load, integrator, linear solver, key, peer, command or hard case.
 
 `extensions/package.py` adds the rows and names the files of the package that need them. Further toy laws and loads are in
-`terms/toys.py`. `terms/test_toys.py` runs whole analyses with them, and `elements/test_a_new_element.py` runs them with the
+`terms/toys.py`. `terms/test_toys.py` runs whole analyses with them, and `mesh/test_a_new_element.py` runs them with the
 element.
 """
 
@@ -36,13 +36,13 @@ from skfem_stvk import (
     verify_solver,
 )
 from skfem_stvk.arguments import Quantity
-from skfem_stvk.cli.main import COMMANDS, Command, main
 from skfem_stvk.errors import SceneError
 from skfem_stvk.mesh import box as box_mesh
-from skfem_stvk.peers import PEERS, available, load
-from skfem_stvk.peers.peer import Package as Peer
-from skfem_stvk.scene import Scene
-from skfem_stvk.scene.templates import json_schema, page
+from skfem_stvk.referee.peers import PEERS, available, load
+from skfem_stvk.referee.peers.peer import Package as Peer
+from skfem_stvk.scenes import Scene
+from skfem_stvk.scenes.commands.main import COMMANDS, Command, main
+from skfem_stvk.scenes.templates import json_schema, page
 from skfem_stvk.testing import Inconsistent, assert_consistent
 from validation import hard
 from validation.bench import Plan, bench
@@ -224,7 +224,7 @@ def test_a_scene_takes_an_integrator_and_a_linear_solver_by_their_row(package):
 def test_options_of_an_integrator_are_keys_as_soon_as_it_is_registered(package):
     """The key has the type, limits and description of the option; it is refused for another integrator."""
     EXTENSIONS["integrator"](package)
-    package.add("skfem_stvk.dynamics.integrators", "INTEGRATORS", "Slowed", Slowed)
+    package.add("skfem_stvk.solvers.dynamics.integrators", "INTEGRATORS", "Slowed", Slowed)
     motion = {"type": "dynamic", "integrator": "slowed", "dt": 1e-6, "until": 1e-5, "drag": 0.25}
     terms = [BAR["terms"][0]]
     dense = {"steel": BAR["materials"]["steel"] | {"density": 1e3}}
@@ -250,7 +250,7 @@ def test_a_key_of_a_scene_is_checked_printed_and_stored(package):
 def test_a_peer_is_a_file_and_a_row(monkeypatch):
     """The peer is listed and loaded by its name, and the benchmark times it and compares it with the others."""
     monkeypatch.setitem(PEERS, "Toy", Peer("numpy", "numpy", "pip install numpy"))
-    monkeypatch.setitem(sys.modules, "skfem_stvk.peers.numpy", peer)
+    monkeypatch.setitem(sys.modules, "skfem_stvk.referee.peers.numpy", peer)
     assert available()["Toy"] == np.__version__ and load("Toy") is peer.Toy
     plan = Plan("quick", boxes=(50,), parts=(), judged=(), referenced=(), peers={"Toy": ("box 50",)}, seconds=0.0)
     found = bench(plan, quiet=True)

@@ -49,7 +49,7 @@ from skfem_stvk import Nobody
 """
     done = _python(["-m", "mypy", "--config-file=", "--ignore-missing-imports", "-c", program])
     wrong = [line for line in done.stdout.splitlines() if line.startswith("<string>") and ": error:" in line]
-    assert 'Revealed type is "skfem_stvk.terms.stvk.StVK"' in done.stdout, done.stdout + done.stderr
+    assert 'Revealed type is "skfem_stvk.terms.laws.stvk.StVK"' in done.stdout, done.stdout + done.stderr
     assert {line.split(":")[1] for line in wrong} == {"5", "7", "8"} and 'Argument 1 to "modes"' in wrong[0], wrong
     assert 'no attribute "Nobody"' in wrong[-1], wrong
 

@@ -26,9 +26,8 @@ from skfem_stvk import (
     verify,
 )
 from skfem_stvk.mesh import box
-from skfem_stvk.notebook import html_table
 from skfem_stvk.results import plotting
-from skfem_stvk.terminal import CountedProgress
+from skfem_stvk.terminal import CountedProgress, html_table
 
 
 class Table(HTMLParser):

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from skfem_stvk.nonlinear.newton import End
+from skfem_stvk.solvers.newton.newton import End
 
 ROOT = Path(__file__).parent.parent
-SOURCES = [path for folder in ("statics", "dynamics") for path in sorted((ROOT / "skfem_stvk" / folder).rglob("*.py"))]
+SOURCES = [path for folder in ("statics", "dynamics") for path in sorted((ROOT / "skfem_stvk" / "solvers" / folder).rglob("*.py"))]
 FILES = [ROOT / "docs" / "how-to" / f"{page}.md" for page in ("newton-failed", "motion-blows-up")]
 PAGES = " ".join(word for file in FILES for word in file.read_text(encoding="utf-8").split())
 #: Functions that write messages, in addition to those that warn or make a step fail.

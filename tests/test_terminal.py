@@ -79,7 +79,7 @@ def without_notes(text):
 @pytest.mark.parametrize("analysis", ANALYSES)
 def test_a_run_goes_on_and_keeps_its_results_if_it_cannot_print(analysis, sink, streams, tmp_path):
     (tmp_path / "body.toml").write_text(SCENE + ANALYSES[analysis])
-    done = ran(["-m", "skfem_stvk.cli", "solve", "body.toml"], tmp_path, **{name: SINKS[sink]() for name in streams})
+    done = ran(["-m", "skfem_stvk.scenes.commands", "solve", "body.toml"], tmp_path, **{name: SINKS[sink]() for name in streams})
     summary = json.loads((tmp_path / "body" / "summary.json").read_text())
     assert (done.returncode, summary["exit_code"]) == (0, 0) and summary["status"] in ("converged", "finished")
     assert {"resolved.toml", "report.html", "checkpoint"} <= {file.name for file in (tmp_path / "body").iterdir()}
@@ -89,7 +89,7 @@ def test_a_run_goes_on_and_keeps_its_results_if_it_cannot_print(analysis, sink, 
 @pytest.mark.parametrize("sink", SINKS)
 def test_a_sweep_goes_on_if_it_cannot_print(sink, tmp_path):
     (tmp_path / "body.toml").write_text(SCENE + ANALYSES["static"])
-    command = ["-m", "skfem_stvk.cli", "sweep", "body.toml", "--set", "materials.rubber.young=1e6,2e6", "--jobs", "1"]
+    command = ["-m", "skfem_stvk.scenes.commands", "sweep", "body.toml", "--set", "materials.rubber.young=1e6,2e6", "--jobs", "1"]
     done = ran(command, tmp_path, stdout=SINKS[sink]())
     assert (done.returncode, without_notes(done.stderr)) == (0, [])
     assert (tmp_path / "body-sweep" / "table.csv").read_text().count("converged") == 2
@@ -98,12 +98,12 @@ def test_a_sweep_goes_on_if_it_cannot_print(sink, tmp_path):
 @pytest.mark.parametrize("sink", SINKS)
 def test_bad_input_remains_an_error_if_it_cannot_be_printed(sink, tmp_path):
     (tmp_path / "body.toml").write_text(SCENE)
-    done = ran(["-m", "skfem_stvk.cli", "solve", "body.toml"], tmp_path, stdout=SINKS[sink](), stderr=SINKS[sink]())
+    done = ran(["-m", "skfem_stvk.scenes.commands", "solve", "body.toml"], tmp_path, stdout=SINKS[sink](), stderr=SINKS[sink]())
     assert done.returncode == 2
 
 
 def test_a_text_that_is_the_result_of_a_command_is_not_lost_in_silence(tmp_path):
-    assert ran(["-m", "skfem_stvk.cli", "init", "--type", "static"], tmp_path, stdout=full()).returncode != 0
+    assert ran(["-m", "skfem_stvk.scenes.commands", "init", "--type", "static"], tmp_path, stdout=full()).returncode != 0
 
 
 @pytest.mark.parametrize("sink", SINKS)

@@ -4,7 +4,7 @@ import re
 import runpy
 from pathlib import Path
 
-from skfem_stvk.dynamics.ledger_rows import column_names
+from skfem_stvk.solvers.dynamics.ledger_rows import column_names
 
 TOPICS = Path(__file__).parent.parent / "docs" / "topics"
 

@@ -12,7 +12,7 @@ from rich.console import Console
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.exact import ExactStVK
-from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 from skfem_stvk.terminal import grid
 
 YOUNG, POISSON = 1.0, 0.3

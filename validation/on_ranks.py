@@ -15,10 +15,10 @@ from mpi4py import MPI
 
 from skfem_stvk import ElementMesh, Gravity, LinearBackwardEuler, StVK, System, Traction, VelocityVerlet, simulate, solve_static
 from skfem_stvk.arguments import Array
-from skfem_stvk.distributed import MeshPart, distribute
 from skfem_stvk.edges import ALL
 from skfem_stvk.errors import StvkWarning
 from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, Unknowns, choose
+from skfem_stvk.ranks import MeshPart, distribute
 from skfem_stvk.system.free_tangent import FreeTangent
 from skfem_stvk.system.operator import FreeOperator
 

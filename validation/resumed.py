@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.table import Table
 
 from skfem_stvk import Gravity, StVK, System, simulate, solve_static
-from skfem_stvk.dynamics import INTEGRATORS
 from skfem_stvk.linear import SOLVERS
 from skfem_stvk.linear.pardiso import pardiso_is_installed
+from skfem_stvk.solvers.dynamics import INTEGRATORS
 
 STEPS, STOPS = 16, (3, 9)
 

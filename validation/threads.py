@@ -231,10 +231,10 @@ def motions() -> list[Call]:
 NEO_HOOKEAN = NeoHookean(young=1e5, poisson=0.3, density=1e2)
 CASES = {
     "ReducedSystem: energy, force, tangent": Case("coordinates.py", unknowns),
-    "the same, of a law on the mesh": Case("reduced/quartic.py", partial(unknowns, law=NEO_HOOKEAN)),
-    "the same, of sampled elements": Case("reduced/quartic.py", partial(unknowns, law=NEO_HOOKEAN, sampled=20)),
-    "ReducedSystem: what is prescribed": Case("reduced/basis.py", amounts),
-    "dead loads as functions of time": Case("terms/dead_loads.py", loads),
+    "the same, of a law on the mesh": Case("solvers/reduced/quartic.py", partial(unknowns, law=NEO_HOOKEAN)),
+    "the same, of sampled elements": Case("solvers/reduced/quartic.py", partial(unknowns, law=NEO_HOOKEAN, sampled=20)),
+    "ReducedSystem: what is prescribed": Case("solvers/reduced/basis.py", amounts),
+    "dead loads as functions of time": Case("terms/loads/dead_loads.py", loads),
     "K over free degrees of freedom": Case("edges/streaming.py", parts_of_K),
     "the same, under a follower load": Case("system/pattern.py", partial(parts_of_K, Pressure(right, 1e3))),
     "lumped mass added to K": Case("system/mass.py", partial(parts_of_mass, "lumped")),
@@ -246,6 +246,6 @@ CASES = {
         for one in SOLVERS
         if one.name != "pardiso" or pardiso_is_installed()
     },
-    "solve_static under loads in time": Case("terms/dead_loads.py", paths),
-    "simulate under loads in time": Case("terms/dead_loads.py", motions),
+    "solve_static under loads in time": Case("terms/loads/dead_loads.py", paths),
+    "simulate under loads in time": Case("terms/loads/dead_loads.py", motions),
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from skfem_stvk import ElementMesh, StVK
-from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.referee.vectors import PUBLISHED, Vectors, export_vectors
 from skfem_stvk.results.array_files import write_npz
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from skfem_stvk import Gravity, StVK, System, Traction, read_mesh, solve_static
-from skfem_stvk.distributed import distribute
 from skfem_stvk.mesh.facets import facets_of, find_facets
+from skfem_stvk.ranks import distribute
 
 FILE = Path(__file__).parent.parent / "scenes" / "bracket.msh"
 part = distribute(FILE)

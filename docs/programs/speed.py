@@ -12,7 +12,7 @@ import skfem
 
 from skfem_stvk import StVK, System
 from skfem_stvk.about import write_machine
-from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 
 mesh = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, 11)] * 3)  # 6 000 tetrahedra
 body = System(mesh, StVK(young=1e5, poisson=0.3))

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import StvkError
-from ..kernels import elements as element_kernels
+from ..kernels import element_assembly as element_kernels
 from ..kernels import reduced as reduced_kernels
 from ..kernels import stretches as stretch_kernels
 from ..kernels.discrete_gradient import DiscreteGradient
-from ..kernels.elements import MeanStress, StressOfRates
+from ..kernels.element_assembly import MeanStress, StressOfRates
 from ..kernels.lanes import LANES, MeanPoints
 from ..kernels.laws import IsotropicLaw, law_size
-from ..kernels.stvk import TensionLaw
+from ..kernels.tension_fields import TensionLaw
 from ..kernels.threads import locked, run
 from .assembly import Assembly, offering
 from .elements import Frames

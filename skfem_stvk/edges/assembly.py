@@ -12,10 +12,10 @@ from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
 from ..errors import StateError, name_ids
-from ..kernels import blocks as block_kernels
-from ..kernels import elements as element_kernels
+from ..kernels import element_assembly as element_kernels
+from ..kernels import node_blocks as block_kernels
 from ..kernels import volumes as volume_kernels
-from ..kernels.corotated import WarpedLaw
+from ..kernels.corotated_law import WarpedLaw
 from ..kernels.lanes import LANES, MeanPoints, Points
 from ..kernels.rows import PairSlots, RowSlots
 from ..kernels.threads import locked, run

@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array, choice, number, shown
-from ..elements import HOURGLASS, Element, Rule, linear_simplex, rule_of
 from ..errors import StvkError
-from ..kernels import blocks as block_kernels
-from ..kernels.geometry import frames, frames_of_base_vectors
+from ..kernels import node_blocks as block_kernels
 from ..kernels.lanes import LANES, MeanPoints, Points
+from ..kernels.simplex_geometry import frames, frames_of_base_vectors
+from ..kernels.simplex_topology import lexicographic_order
 from ..kernels.threads import CopyableLock, threads
-from ..kernels.topology import lexicographic_order
 from ..mesh import ElementMesh
+from ..mesh.element import Element, linear_simplex
 from ..mesh.points import are_straight, base_vectors_at, sizes_of
+from ..mesh.rules import HOURGLASS, Rule, rule_of
 from .topology import KernelEdges, KernelOrder, Shares, in_lanes, kernel_edges, out_of_lanes, shares_of
 
 

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
-from ..kernels import blocks as block_kernels
 from ..kernels import networks as network_kernels
+from ..kernels import node_blocks as block_kernels
 from ..kernels.lanes import TRANSPOSED
 from ..kernels.networks import EDGES, SPARE
+from ..kernels.simplex_topology import lexicographic_order
 from ..kernels.threads import locked, parts_of, run, threads
-from ..kernels.topology import lexicographic_order
 from .elements import KernelVertices, nbytes
 from .pairs import ALL, PairBlocks, PairTerm, Tensions
 from .topology import Ids, KernelEdges, Shares, shares_of, vertex_order

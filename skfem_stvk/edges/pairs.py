@@ -15,9 +15,9 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array
 from ..errors import StvkError, name_ids
-from ..kernels import blocks as block_kernels
+from ..kernels import node_blocks as block_kernels
+from ..kernels.simplex_topology import lexicographic_order
 from ..kernels.threads import CopyableLock, locked, parts_of, run, threads
-from ..kernels.topology import lexicographic_order
 from .elements import KernelVertices, nbytes
 from .topology import KernelEdges, Shares, shares_of
 

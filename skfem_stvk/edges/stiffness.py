@@ -18,14 +18,14 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array
-from ..elements.element import LOCAL_EDGES
 from ..errors import MaterialError, name_ids
-from ..kernels.corotated import FramedLaw
+from ..kernels.corotated_law import FramedLaw
 from ..kernels.laws import GeneralLaw, IsotropicLaw
 from ..kernels.svd import CABLE, LINE, MEMBRANE, SHEET, Flat
-from ..materials import FramedMaterial, Hypothesis
+from ..mesh.element import LOCAL_EDGES
 from ..mesh.geometry import Geometry
 from .elements import Frames, Quadrature, frames_at
+from .materials import FramedMaterial, Hypothesis
 from .topology import KernelOrder
 
 #: Components of a symmetric tensor in one, two and three dimensions: the Voigt order of the package.

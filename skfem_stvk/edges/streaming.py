@@ -13,8 +13,8 @@ from ..arguments import Array
 from ..kernels import rows as row_kernels
 from ..kernels.llvm import LINE
 from ..kernels.rows import RowSlots
+from ..kernels.simplex_topology import OWN, assign_slots, last_uses
 from ..kernels.threads import parts_of, run, threads
-from ..kernels.topology import OWN, assign_slots, last_uses
 from .elements import KernelElements, nbytes
 from .pairs import BlockPattern, PairBlocks, Rows
 from .topology import Shares

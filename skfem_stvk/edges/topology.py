@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ..elements import Element
-from ..elements.element import LOCAL_EDGES
 from ..kernels.lanes import LANES, TRANSPOSED
+from ..kernels.simplex_topology import OWN, lexicographic_order, numbers_by_first_use, stars
 from ..kernels.threads import parts_of
-from ..kernels.topology import OWN, lexicographic_order, numbers_by_first_use, stars
+from ..mesh.element import LOCAL_EDGES, Element
 from ..mesh.facets import pairs_in
 
 Ids = NDArray[np.int32]

@@ -28,7 +28,7 @@ import numpy as np
 from numpy import uint64
 
 from .compiled import by_type, inlined
-from .elements import hourglass_share, rule_forces
+from .element_assembly import hourglass_share, rule_forces
 from .lanes import LANES, add, cross, dot
 from .laws import FORMULAS, axis_forces, between, contracted, respond, strain, weighted_sum
 

@@ -16,10 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy import uint64
 
-from .blocks import transposed
 from .compiled import Ids, Reals, by_type, inlined, kernel
 from .lanes import LANES, TRANSPOSED, scatter_blocks
 from .llvm import LANES_AT_ONCE, LINE, add_lanes, add_lanes_with_transposes, fence, prefetch_to_write, store_line
+from .node_blocks import transposed
 
 
 class PairSlots(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import StvkError
 from ..kernels.threads import locked, parts_of, threads
-from .blocks import VertexRows
+from .block_matrices import VertexRows
 from .cg import conjugate_gradients, dot
 from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
 from .multigrid import SINGLE, Hierarchy, Level

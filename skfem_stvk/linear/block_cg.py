@@ -11,15 +11,15 @@ from scipy.sparse import triu
 
 from ..arguments import flag, shown
 from ..errors import StateError, StvkError, name_ids
-from ..kernels.cg import fill_edges
+from ..kernels.compiled_cg import fill_edges
 from ..kernels.sparse import invert_diagonal, multiply_diagonal
 from ..kernels.threads import locked, parts_of, run, threads
-from .blocks import BlockStructure, VertexRows
+from ..space import Space
+from .block_matrices import BlockStructure, VertexRows
 from .cg import MAX_ITERATIONS, EdgeCg, EdgeFactors, conjugate_gradients
 from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
 from .part_cg import PartCg
 from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns, Vector
-from .space import Space
 
 
 @dataclass(frozen=True)

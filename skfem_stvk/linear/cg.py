@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import StateError, StvkError, name_ids
-from ..kernels import cg as kernels
+from ..kernels import compiled_cg as kernels
 from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import parts_of, run, threads
+from ..space import Space
 from .checks import LatestFactors, checked_right, latest_only, written_to
 from .solver import NO_BLOCKS, NO_ROWS, EdgeBlocks, Outcome, Solution, Vector
-from .space import Space
 
 Map = Callable[[Vector], Vector]
 #: Largest number of iterations. On slender bodies, iterations grow at least as fast as the number of elements along them.

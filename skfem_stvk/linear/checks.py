@@ -14,8 +14,8 @@ from scipy.sparse import csr_matrix
 from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
 from ..kernels.threads import CopyableLock
+from ..space import Space
 from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector, structure_of
-from .space import Space
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 

@@ -14,7 +14,7 @@ from ..errors import StvkError
 from ..kernels import sparse as kernels
 from ..kernels.compiled import Ids, Reals
 from ..kernels.threads import parts_of, run, threads
-from .blocks import BlockStructure, EdgeMidpoints
+from .block_matrices import BlockStructure, EdgeMidpoints
 
 SINGLE: Any = np.float32
 POWER_ITERATIONS = 8

@@ -8,13 +8,13 @@ from math import isfinite, nan, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels import cg as kernels
+from ..kernels import compiled_cg as kernels
 from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import run
+from ..space import Space
 from .cg import solve_by
 from .solver import NO_BLOCKS, NO_ROWS, EdgeBlocks, Outcome, Solution, Vector
-from .space import Space
 
 
 class PartCg:

@@ -20,10 +20,10 @@ from scipy.sparse import csr_matrix
 from ..arguments import shown
 from ..errors import StvkError, name_ids
 from ..kernels.threads import locked
+from ..space import Space
 from .amg import Pace
 from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
 from .solver import Kind, Outcome, Solution, Unknowns, Vector, structure_of
-from .space import Space
 
 #: Prefix of the options in PETSc's database.
 PREFIX = "stvk_"

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ..arguments import shown, whole_array
 from ..errors import StvkError
-from .space import Space
+from ..space import Space
 
 Vector = NDArray[np.float64]
 

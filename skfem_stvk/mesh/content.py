@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import real_array
-from ..elements import Element, named
 from ..errors import MeshError, name_ids, warn
+from .element import Element, named
 from .facets import further_nodes, with_midpoints
 from .formats import Damaged
-from .formats.source import check_unique
+from .formats.stream import check_unique
 from .groups import (
     DIMENSION,
     cell_groups,

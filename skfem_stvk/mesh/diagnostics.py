@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elements import rule_of
 from ..errors import MeshError, Remark, name_ids, warn
-from ..kernels.geometry import measures
+from ..kernels.simplex_geometry import measures
 from .facets import Cells, MeshArrays, grouped, linked
 from .geometry import aspect_ratios, edge_differences
 from .mesh import ElementMesh
 from .points import base_vectors_at, extremes, signed
+from .rules import rule_of
 
 #: Limits of edges, as powers of ten: squares of volumes are then in the range of double precision.
 LARGEST_EXPONENT = 50

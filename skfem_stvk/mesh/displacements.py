@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ..arguments import Array, shown, vector
 from ..errors import StateError, StvkError, name_ids
-from ..kernels import blocks as block_kernels
+from ..kernels import node_blocks as block_kernels
 from .mesh import ElementMesh
 
 

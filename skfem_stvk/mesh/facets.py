@@ -12,8 +12,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from ..arguments import check_index_range, frozen
-from ..elements import Element, linear_simplex, named
-from ..kernels.topology import edges_of_simplices, lexicographic_order
+from ..kernels.simplex_topology import edges_of_simplices, lexicographic_order
+from .element import Element, linear_simplex, named
 from .points import normals_of, orientations
 
 Ids = NDArray[np.int32]

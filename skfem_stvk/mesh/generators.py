@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, array, check_index_range, choice, number, real_array, shown, whole
-from ..elements import Element, named
 from ..errors import MeshError
+from .element import Element, named
 from .mesh import ElementMesh
 from .points import orientations
 

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..elements import rule_of
 from .facets import MeshArrays
 from .mesh import ElementMesh
 from .points import base_vectors_at, extremes
+from .rules import rule_of
 
 
 class Geometry:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import whole
-from ..elements import ELEMENTS, POINT, Element, linear_simplex, named
 from ..errors import MeshError, name_ids
+from .element import ELEMENTS, POINT, Element, linear_simplex, named
 
 if TYPE_CHECKING:
     import meshio

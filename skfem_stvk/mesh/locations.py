@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from skfem.assembly.dofs import DofsView
 
 from ..arguments import number, points, shown, whole_array
-from ..elements.element import named
 from ..errors import RegionError, name_ids, name_known
-from ..linear.space import Space
+from ..space import Space
+from .element import named
 from .facets import MeshArrays, find_facets
 
 #: Location on a mesh: the name of a boundary or of a node set; node ids, or a mask; or a predicate of coordinates `x` (d, n), as in

@@ -17,9 +17,9 @@ from skfem.assembly.dofs import DofsView
 from skfem.mesh.mesh_dg import MeshDG
 
 from ..arguments import check_index_range, frozen, number, real_array, shown, whole, whole_array
-from ..elements import ELEMENTS, Element, linear_simplex, named
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
-from ..linear.space import Space
+from ..space import Space
+from .element import ELEMENTS, Element, linear_simplex, named
 from .facets import NamedFacets, edges_of, further_nodes, with_midpoints
 from .locations import Box, LabelledMesh, checked_facets, checked_lines, describe, facets_at, vertices_at
 
@@ -86,7 +86,7 @@ class ElementMesh(LabelledMesh):
             raise MeshError(f"p has shape {p.shape}; expected (d, nv) with d = 1, 2 or 3. Transpose arrays of shape (nv, d).")
         if self.element is not None and not isinstance(self.element, Element):
             raise MeshError(
-                f"element = {shown(self.element)}; expected one of skfem_stvk.elements.ELEMENTS, such as {EXAMPLE_ELEMENT}."
+                f"element = {shown(self.element)}; expected one of skfem_stvk.mesh.element.ELEMENTS, such as {EXAMPLE_ELEMENT}."
             )
         if self.element is not None:
             if t.ndim != 2 or len(t) != self.element.n or self.element.k > len(p):
@@ -522,7 +522,7 @@ def _other_arrays(t: NDArray[Any]) -> str:
         return "Transpose arrays of shape (nt, k + 1)."
     arguments = "".join(f"{'' if name == meant[0] else ', or '}element=ELEMENTS['{name}']" for name in meant)
     return (
-        f"Are they {' or '.join(meant)}? Pass a scikit-fem mesh, or ElementMesh(p, t, {arguments}), from skfem_stvk.elements. "
+        f"Are they {' or '.join(meant)}? Pass a scikit-fem mesh, or ElementMesh(p, t, {arguments}), from skfem_stvk.mesh.element. "
         "Otherwise transpose arrays of shape (nt, k + 1)."
     )
 

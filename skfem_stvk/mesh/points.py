@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
-from ..elements import Element, rule_of
-from ..kernels.geometry import measures
+from ..kernels.simplex_geometry import measures
+from .element import Element
+from .rules import rule_of
 
 #: Number of elements at a time: their base vectors at all points stay in the cache. This takes a tenth of the time.
 CHUNK = 2048
@@ -29,7 +30,7 @@ def base_vectors_at(x: Array, t: Any, element: Element, xi: Array) -> Array:
     `x` (d, nv) are coordinates. If `x` are displacements, the results are their differences along the base vectors. The result is a
     view with adjacent elements, so that operations on one component of all elements are fast.
 
-    >>> from skfem_stvk.elements import ELEMENTS
+    >>> from skfem_stvk.mesh.element import ELEMENTS
     >>> x, t = np.array([[0.0, 2, 0], [0, 0, 3]]), np.array([[0], [1], [2]])
     >>> base_vectors_at(x, t, ELEMENTS["triangles"], np.array([[0.2, 0.2]]))[0, 0]
     array([[2., 0.],

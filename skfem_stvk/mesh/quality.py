@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, choice, whole
-from ..elements import Element
 from ..errors import Remark, name_ids
-from ..notebook import html_table
+from ..terminal import html_table
 from . import points
 from .diagnostics import faults, scale_of, sizes_of_parts, sound_elements
+from .element import Element
 from .facets import Cells
 from .geometry import aspect_ratios, edge_lengths
 from .mesh import ElementMesh, MeshLike

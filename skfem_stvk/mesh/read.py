@@ -11,7 +11,7 @@ from ..arguments import path as checked_path
 from ..errors import MeshError
 from .mesh import ElementMesh, checked_degree
 
-#: Suffixes of partition files, of which each rank reads its part; see `skfem_stvk.distributed`.
+#: Suffixes of partition files, of which each rank reads its part; see `skfem_stvk.ranks`.
 PARTITIONS = ".h5", ".hdf5"
 
 

@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
+from ..edges.materials import Isotropic
 from ..errors import StvkError, name_known
-from ..materials import Isotropic
 from ..mesh import ElementMesh
 from ..mesh.diagnostics import check_mesh
-from ..peers import PEERS, load
-from ..peers.elsewhere import Elsewhere
-from ..peers.library import SharedLibrary
 from ..terms import StVK
 from .implementations import make_candidate, users_function
+from .peers import PEERS, load
+from .peers.elsewhere import Elsewhere
+from .peers.library import SharedLibrary
 
 ARGUMENT = "--against"
 #: Peers that take the user's own energy density.

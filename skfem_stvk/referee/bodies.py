@@ -13,19 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..edges.materials import Anisotropic, FramedMaterial, Isotropic, Material, Orthotropic, TransverselyIsotropic
 from ..errors import MaterialError
-from ..materials import Anisotropic, FramedMaterial, Isotropic, Material, Orthotropic, TransverselyIsotropic
 from ..mesh import ElementMesh
-from ..reference import (
-    ReferenceOnePoint,
-    ReferenceStVK,
-    anisotropic_tensor,
-    element_axes,
-    engineering_matrix,
-    isotropic_tensor,
-)
 from ..terms import StVK
 from .discretisation import Discretisation
+from .reference import ReferenceOnePoint, ReferenceStVK, anisotropic_tensor, element_axes, engineering_matrix, isotropic_tensor
 from .shape import Shape
 
 

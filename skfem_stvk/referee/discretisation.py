@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
-from ..reference import KINDS, points_of
-from ..reference.kinds import LINEAR, Points
+from .reference import KINDS, points_of
+from .reference.kinds import LINEAR, Points
 
 Exact = NDArray[Any]
 

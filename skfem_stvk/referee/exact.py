@@ -30,11 +30,11 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix, csr_matrix
 
 from ..arguments import Array
-from ..reference import KINDS, curved_elements
-from ..reference.kinds import middles
-from ..reference.one_point import hourglass_shapes
 from .bodies import reference_on
 from .discretisation import Discretisation, Exact, derivatives
+from .reference import KINDS, curved_elements
+from .reference.kinds import middles
+from .reference.one_point import hourglass_shapes
 from .shape import Shape
 
 DIGITS = 50

@@ -15,9 +15,9 @@ import numpy as np
 import skfem
 
 from ..edges import TENSILE
-from ..elements import ELEMENTS
-from ..materials import Anisotropic
+from ..edges.materials import Anisotropic
 from ..mesh import ElementMesh
+from ..mesh.element import ELEMENTS
 from ..system import System
 from ..terms import StVK
 from . import element_model as strains

@@ -11,13 +11,13 @@ import numpy as np
 
 from ..arguments import Array
 from ..mesh import ElementMesh
-from ..reference import ReferenceOnePoint
-from ..reference.kinds import KINDS, middles
 from ..terms import StVK
 from .bodies import elasticity, hourglass_control
 from .discretisation import Discretisation, derivatives
 from .element_model import ElementModel, model_of
 from .faulty_systems import FaultyModel
+from .reference import ReferenceOnePoint
+from .reference.kinds import KINDS, middles
 
 Terms = Sequence[StVK]
 

@@ -14,10 +14,10 @@ from scipy.spatial.transform import Rotation
 from ..arguments import Array
 from ..edges import Assembly
 from ..edges.abilities import STVK
+from ..edges.materials import Anisotropic, FramedMaterial, Hypothesis, Isotropic
 from ..edges.stiffness import GeneralStiffness
 from ..edges.topology import LOCAL_EDGES
 from ..errors import StvkError
-from ..materials import Anisotropic, FramedMaterial, Hypothesis, Isotropic
 from ..mesh import ElementMesh
 from ..system import System
 from ..terms import Body, Corotated, StVK

@@ -16,9 +16,8 @@ import numpy as np
 from scipy.sparse import issparse
 
 from ..arguments import Array
+from ..edges.materials import Anisotropic
 from ..errors import StvkError
-from ..materials import Anisotropic
-from ..reference.kinds import middles
 from ..terms import StVK
 from .bodies import elasticity, hourglass_control, reference_on, with_material
 from .case import Case
@@ -28,6 +27,7 @@ from .faults import FAULTS
 from .fitted import constants, factors, initial_stresses, single_elements, single_nodes
 from .implementations import Implementation
 from .moduli import lame_factors
+from .reference.kinds import middles
 
 #: Names of those planted faults that are identified by a fit or need more than one state. `_planted` skips them.
 FITTED = (

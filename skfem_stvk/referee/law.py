@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import Array, choice, flag, real_array, shown, whole
+from ..edges.materials import FramedMaterial, Hypothesis, Isotropic
 from ..errors import MaterialError, StvkError
-from ..materials import FramedMaterial, Hypothesis, Isotropic
 from ..terms import StVK
-from ..terms.elastic_law import ElasticLaw
+from ..terms.laws.elastic_law import ElasticLaw
 from .bodies import tensor_in, voigt_matrix
 from .case import random_rotation
-from .checks.law import LawChecks
+from .checks.constitutive import LawChecks
 from .law_naming import named_law
 from .law_readings import MEASURES, ORDERS, TANGENTS, Declared, JudgedLaw
 from .report import Report, judge

@@ -10,8 +10,7 @@ import numpy as np
 
 from ..arguments import Array
 from ..errors import StvkError
-from ..reference import lame_tensor
-from .checks.law import LawChecks
+from .checks.constitutive import LawChecks
 from .implementations import ContractViolation
 from .law_readings import (
     ARGUMENT,
@@ -29,6 +28,7 @@ from .law_readings import (
     stvk_stress,
 )
 from .moduli import engineering_constants
+from .reference import lame_tensor
 from .results import CheckOutcome, Explanation, Naming, Result, largest
 
 #: Relative distance below which moduli are equal. Differences of sixth order, taken twice, are accurate to 1e-8.

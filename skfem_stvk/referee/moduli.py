@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ..arguments import Array
+from ..edges.materials import Isotropic, Material
 from ..errors import MaterialError
-from ..materials import Isotropic, Material
 from ..mesh import ElementMesh
 from ..terms import StVK
 from .bodies import is_condensed, reference_on, tensor_of

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.sparse import coo_matrix, issparse
 
 from ..arguments import Array
-from ..materials import Isotropic
+from ..edges.materials import Isotropic
 from ..mesh import ElementMesh
 from ..terms import StVK
 from .bodies import elasticity, hourglass_control, reference_on

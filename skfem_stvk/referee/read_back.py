@@ -11,7 +11,7 @@ from pathlib import Path
 from ..arguments import Array, path
 from ..errors import StvkError, name_known
 from ..results.array_files import read, type_of
-from ..results.files import ForeignFile
+from ..results.complete_files import ForeignFile
 from .bodies import elasticity, homogeneous_copy
 from .case import CANDIDATE, REFERENCE, Case
 from .checks.agreement import agreement

@@ -15,12 +15,11 @@ import numpy as np
 
 from ..about import PACKAGES, circumstances
 from ..arguments import path
+from ..edges.materials import FramedMaterial, Isotropic
 from ..errors import StvkError
-from ..materials import FramedMaterial, Isotropic
 from ..mesh import ElementMesh
-from ..notebook import html_table
-from ..results.files import cannot_write, replacing
-from ..terminal import CountedProgress, as_text
+from ..results.complete_files import cannot_write, replacing
+from ..terminal import CountedProgress, as_text, html_table
 from ..terms import StVK
 from .rendering import checks_as_rows, rendered
 from .results import Findings, Task

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..mesh import ElementMesh
-from ..reference import KINDS, curved_elements
 from .discretisation import Discretisation, derivatives
+from .reference import KINDS, curved_elements
 
 
 class Shape:

@@ -13,10 +13,9 @@ import skfem
 from numpy.typing import NDArray
 
 from ..arguments import Array, flag, number, whole
+from ..edges.materials import Hypothesis, Isotropic
 from ..errors import StvkError
-from ..materials import Hypothesis, Isotropic
 from ..mesh import ElementMesh
-from ..reference import lame_tensor
 from ..terms import StVK
 from .case import rotation
 from .discretisation import Discretisation
@@ -25,6 +24,7 @@ from .implementations import ContractViolation, Implementation, guarded
 from .judgement import relative
 from .manufactured import Manufactured, fitted_order, moved_box
 from .moduli import engineering_constants
+from .reference import lame_tensor
 from .report import Report, judge
 from .results import Explanation, Naming, Task
 from .shape import Shape

@@ -23,13 +23,13 @@ from numpy.typing import ArrayLike
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, flag, path, shown, text, whole
-from ..elements import ELEMENTS
+from ..edges.materials import Isotropic, Material
 from ..errors import MaterialError, StvkError, name_ids
-from ..materials import Isotropic, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
+from ..mesh.element import ELEMENTS
 from ..results.array_files import TYPES, read, type_of, write_npz, write_text
-from ..results.files import ForeignFile
+from ..results.complete_files import ForeignFile
 from ..terminal import CountedProgress
 from ..terms import StVK
 from .bodies import is_condensed, section_of

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..arguments import flag, shown, whole
-from ..elements import HOURGLASS
+from ..edges.materials import Material
 from ..errors import MaterialError, StvkError, StvkWarning
-from ..materials import Material
 from ..mesh import ElementMesh, MeshLike
+from ..mesh.rules import HOURGLASS
 from ..system import System
 from ..terms import EdgeNetwork, StVK
 from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on

@@ -1,7 +1,7 @@
 """Results of a body at given displacements: strains, stresses, reactions, files and pictures."""
 
 from .fields import Fields, State
-from .networks import NetworkComparison, compare_networks
+from .network_comparison import NetworkComparison, compare_networks
 from .plotting import animate, plot
 from .reactions import Reaction
 from .series import Series

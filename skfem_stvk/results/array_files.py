@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import name_known
 from ..npz import NotArrays, arrays_of
-from .files import ForeignFile, content_of, replacing
+from .complete_files import ForeignFile, content_of, replacing
 
 FIRST_LINE = "skfem-stvk vectors 1"
 TYPES = {"real": np.dtype(np.float64), "int": np.dtype(np.int64), "text": np.dtype(str)}

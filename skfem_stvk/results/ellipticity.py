@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..edges.stiffness import VOIGT, multiplicity, voigt_indices
 from ..errors import StvkError, name_ids
-from ..terms.volume_penalty import ENERGIES
-from .law import adjugate, dilation, strain_and_stress
+from ..terms.laws.volume_penalty import ENERGIES
+from .law_on_elements import adjugate, dilation, strain_and_stress
 from .response import ElasticBody, Masked, Response
 
 Ids = NDArray[np.int64]

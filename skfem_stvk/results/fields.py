@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array, shown
-from ..elements import rule_of
 from ..errors import StvkError
-from ..linear.space import Space
 from ..mesh.displacements import by_vertex
+from ..mesh.rules import rule_of
+from ..space import Space
 from ..units import UNITS, UnitSystem
-from .contact import ContactState, combined
+from .contact_forces import ContactState, combined
 from .response import ElasticBody, Masked, Response
 from .table import find
 

@@ -19,7 +19,7 @@ from matplotlib.tri import Triangulation
 from PIL import Image
 
 from ..arguments import Array
-from ..elements import linear_simplex
+from ..mesh.element import linear_simplex
 from .picture import SCREEN, Film, Picture, View, subdivided
 from .shapes import surface_of, surroundings
 

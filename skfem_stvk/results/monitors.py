@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..edges.materials import FramedMaterial, Isotropic, Material
 from ..errors import name_ids
-from ..materials import FramedMaterial, Isotropic, Material
 from ..mesh import ElementMesh
 from ..system import System
 from ..system.bound import FLAT

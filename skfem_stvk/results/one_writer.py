@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import StvkError, warn
-from ..linear.space import Space
-from .files import content_of, in_all_parts
+from ..space import Space
+from .complete_files import content_of, in_all_parts
 
 #: Error numbers by which systems report that a disk has no locks, such as some network disks.
 NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP)

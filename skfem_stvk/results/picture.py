@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..arguments import Array, number, real_array, shown, text
-from ..elements import Element, linear_simplex
 from ..errors import StvkError
+from ..mesh.element import Element, linear_simplex
 from ..mesh.facets import Cells, MeshArrays, outer_facets
-from ..terms.rigid_shapes import RigidShape
+from ..terms.loads.rigid_shapes import RigidShape
 from .fields import NodalAverage, State, checked_state, masked, split_nodes, whole_state
-from .law import in_space
+from .law_on_elements import in_space
 from .shapes import surface_of, surroundings
 from .table import FIELDS, NODAL, find
 

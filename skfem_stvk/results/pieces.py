@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..linear.space import Space
-from .files import in_all_parts, of_leader, replacing
+from ..space import Space
+from .complete_files import in_all_parts, of_leader, replacing
 
 if TYPE_CHECKING:
     import meshio

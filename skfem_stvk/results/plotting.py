@@ -22,9 +22,9 @@ from ..errors import StvkError, name_known
 from ..mesh.facets import Cells
 from ..mesh.groups import from_cells
 from ..system import System
-from ..terms.rigid_shapes import RigidShape
+from ..terms.loads.rigid_shapes import RigidShape
+from .complete_files import output_path, replacing
 from .fields import State, checked_state, masked, whole_state
-from .files import output_path, replacing
 from .picture import Film, Picture, View, VisibleBody, VisibleMesh, checked_label, checked_scale, corner_values, joined, picture_of
 from .series import listed_states
 from .shapes import surface_of, surroundings

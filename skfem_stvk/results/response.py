@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, choice
+from ..edges.materials import Hypothesis, Material
 from ..errors import StateError, StvkError
-from ..materials import Hypothesis, Material
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry, PointGeometry, geometries
 from ..mesh.points import sizes_of
 from ..terms import Body, Deformation, HasPressure, HasResponse, HasStress, is_load
-from ..terms.at_points import green_strain_of
+from ..terms.laws.response_at_points import green_strain_of
 from ..terms.protocols import has_stress
-from .law import dilation, rest_frames, strain_and_stress, volume_stress
+from .law_on_elements import dilation, rest_frames, strain_and_stress, volume_stress
 
 #: One value per element, or one at a point of each, and a mask of the elements that have none.
 Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]

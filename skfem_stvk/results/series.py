@@ -15,10 +15,10 @@ import numpy as np
 
 from ..arguments import flag, number
 from ..errors import StvkError, warn
-from ..linear.space import Space
+from ..space import Space
 from ..system.signature import Fingerprint, Signature
+from .complete_files import cannot_write, in_all_parts, of_leader, output_path, replacing
 from .fields import State, checked_state
-from .files import cannot_write, in_all_parts, of_leader, output_path, replacing
 from .one_writer import OneWriter
 from .pieces import remove_state
 from .table import find_all

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..arguments import Array
-from ..terms.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidShape, RigidSphere
-from .law import in_space
+from ..terms.loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidShape, RigidSphere
+from .law_on_elements import in_space
 
 #: Width of the surroundings, as a part of the largest extent of the body.
 MARGIN = 0.2

@@ -19,8 +19,8 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.groups import from_cells
 from ..mesh.locations import SAME_POINT
 from ..system.signature import SAME, mesh_numbers
-from .files import ForeignFile
-from .law import in_space
+from .complete_files import ForeignFile
+from .law_on_elements import in_space
 from .pieces import pieces_of
 from .series import listed_states
 from .store import Header, Record, expect, of_part, pattern, read_archive, refusing_damage

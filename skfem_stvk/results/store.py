@@ -16,10 +16,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..arguments import Array
-from ..linear.space import Space
 from ..npz import arrays_of
+from ..space import Space
 from ..system.signature import Fingerprint, Signature
-from .files import ForeignFile, in_all_parts, of_leader, replacing
+from .complete_files import ForeignFile, in_all_parts, of_leader, replacing
 from .one_writer import OneWriter
 
 

@@ -16,7 +16,7 @@ from ..arguments import Array, shown
 from ..errors import StvkError, name_ids, name_known, warn
 from ..units import UnitSystem
 from .ellipticity import smallest_acoustic_eigenvalue
-from .law import current_normals, in_space
+from .law_on_elements import current_normals, in_space
 from .response import Masked, Response
 
 WORDS = {

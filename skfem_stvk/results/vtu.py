@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from ..arguments import Array, shown
 from ..errors import MeshError, StvkError, name_ids
-from ..linear.space import Space
 from ..mesh import ElementMesh
 from ..mesh.groups import DIMENSION, NODE_SET, as_cells, flatten
 from ..mesh.locations import checked_facets, checked_lines, vertices_at
+from ..space import Space
+from .complete_files import in_all_parts, output_path
 from .fields import State, checked_state
-from .files import in_all_parts, output_path
-from .law import in_space
+from .law_on_elements import in_space
 from .pieces import ELEMENTS, NODES, joined, pieces_of, write_grid, write_pieces
 from .table import NODAL, Field, find_all
 

@@ -14,9 +14,9 @@ from ..arguments import Array, number, whole_array
 from ..edges.elements import Quadrature
 from ..edges.pairs import AccumulatedTerm, joined, with_blocks
 from ..errors import ContactError, RegionError, StvkError, warn
-from ..linear.space import Space
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
+from ..space import Space
 from ..terms import (
     Body,
     BoundLoad,
@@ -33,7 +33,7 @@ from ..terms import (
     is_load,
 )
 from ..terms.connectivity import Connected
-from ..terms.load import Moment, Time
+from ..terms.loads.load import Moment, Time
 from ..terms.protocols import Assumption, set_time
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.

@@ -19,7 +19,7 @@ from ..linear import Unknowns
 from ..linear.dense import DenseFactors, DenseSolver
 from ..mesh import ElementMesh
 from ..mesh.displacements import finite_vector
-from ..terms.load import Time
+from ..terms.loads.load import Time
 from .free_tangent import SYMMETRIC
 from .round_off import below, largest_error
 from .signature import sums

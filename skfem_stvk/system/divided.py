@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..errors import StvkError
-from ..linear.space import Space
+from ..space import Space
 
 
 def refuse_divided(space: Space, what: str, expected: str, reason: str) -> None:

@@ -16,7 +16,7 @@ from ..errors import StvkError
 from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Unknowns, choose
 from ..linear.amg import AmgAnalysis
 from ..linear.inertia import transposition
-from ..terms.load import Time
+from ..terms.loads.load import Time
 from .divided import refuse_divided
 from .operator import FreeOperator, TangentOperator
 from .rigid import rigid_modes

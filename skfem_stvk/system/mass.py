@@ -15,12 +15,13 @@ from scipy.sparse import csr_matrix, diags
 
 from ..arguments import Array, number, vector
 from ..edges.elements import nbytes
-from ..elements import Element, rule_of
 from ..errors import MaterialError
 from ..mesh.displacements import finite_vector
+from ..mesh.element import Element
 from ..mesh.points import sizes_at_points
+from ..mesh.rules import rule_of
 from ..terms import Body
-from ..terms.spread import Spread
+from ..terms.loads.spread import Spread
 from .pattern import FreeDofs, HasPattern, Pattern
 
 #: Largest ratio of Jacobians in an element that counts as straight in the eigenvalue bounds of element masses.

@@ -12,12 +12,12 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array
 from ..edges.pairs import joined
-from ..elements import Element, linear_simplex, named
 from ..errors import SupportError, name_ids
-from ..kernels.topology import pieces_of_simplices
-from ..linear.space import Space
+from ..kernels.simplex_topology import pieces_of_simplices
 from ..mesh import ElementMesh
+from ..mesh.element import Element, linear_simplex, named
 from ..mesh.facets import facets_of, linked
+from ..space import Space
 from ..terms import BoundTerm
 from .constraints import Block, compressed, free_motions
 from .rigid import centred, free_rigid_modes, motions, name_part, node_numbers, parts_of
@@ -215,7 +215,7 @@ def mechanisms(
 def pieces(t: Ids, nv: int, element: Element) -> Ids:
     """Return the piece number (nt,) of each element `t` (n, nt): elements that share a facet belong to one piece.
 
-    >>> from skfem_stvk.elements import ELEMENTS
+    >>> from skfem_stvk.mesh.element import ELEMENTS
     >>> pieces(np.array([[0, 2, 6], [1, 4, 7], [3, 5, 8], [2, 3, 5]]), 9, ELEMENTS["quadrilaterals"])
     array([0, 0, 1], dtype=int32)
     """

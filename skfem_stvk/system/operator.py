@@ -15,7 +15,7 @@ from ..arguments import Array
 from ..edges import ALL, Tensions
 from ..edges.pairs import PairTerm
 from ..errors import StateError, StvkError
-from ..kernels import blocks as block_kernels
+from ..kernels import node_blocks as block_kernels
 from ..kernels.threads import CopyableLock, locked, parts_of, run, threads
 from ..linear import EdgeBlocks
 from ..linear.solver import NO_BLOCKS, NO_ROWS

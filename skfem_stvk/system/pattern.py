@@ -13,11 +13,11 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, check_index_range, plain_array, shown, whole_array
 from ..errors import StvkError, name_ids
-from ..kernels import blocks as block_kernels
+from ..kernels import node_blocks as block_kernels
+from ..kernels.simplex_topology import block_indices, expand, lexicographic_order, stars
 from ..kernels.threads import parts_of, run, threads
-from ..kernels.topology import block_indices, expand, lexicographic_order, stars
-from ..linear.space import Space
 from ..mesh.displacements import finite_vector
+from ..space import Space
 from ..units import UnitSystem
 
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import name_ids
-from ..linear.space import Space
 from ..mesh.facets import linked
+from ..space import Space
 
 #: Resistance to a motion below this fraction of the largest is round-off. Supports that are closer together than 3e-7 of a body
 #: count as one.

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..errors import StvkError
-from ..linear.space import Space
 from ..mesh import ElementMesh
-from ..terms.load import Moment, Time
+from ..space import Space
+from ..terms.loads.load import Moment, Time
 from .rigid import mean_of_nodes
 from .system import System
 

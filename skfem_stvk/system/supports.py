@@ -12,7 +12,7 @@ from ..arguments import shown, whole_array
 from ..errors import SupportError
 from ..mesh import ElementMesh
 from ..mesh.locations import DofsView, Where, describe, dofs_of, vertices_at
-from ..terms.load import Moment, Time, Value
+from ..terms.loads.load import Moment, Time, Value
 
 Dofs = NDArray[np.int64]
 

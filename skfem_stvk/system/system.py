@@ -25,7 +25,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import array_to_fill, by_vertex
 from ..mesh.locations import DofsView, describe
-from ..notebook import html_table
+from ..terminal import html_table
 from ..terms import (
     FollowerLoad,
     Grounded,
@@ -43,9 +43,9 @@ from ..terms import (
     is_load,
 )
 from ..terms.connectivity import connected
-from ..terms.load import Moment, Time
+from ..terms.loads.load import Moment, Time
+from ..terms.loads.rigid_contact import BoundRigidContact, Displacement
 from ..terms.protocols import set_time
-from ..terms.rigid_contact import BoundRigidContact, Displacement
 from ..units import UNITS, questions
 from .bound import BoundTerms, checked_terms
 from .divided import refuse_divided
@@ -96,7 +96,7 @@ class System(BoundTerms):
         edges, and 1 makes quadratic ones linear.
     quadrature
         Integration rule. "exact" integrates W exactly on elements with straight edges. By default quadratic segments, triangles and
-        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.elements.rule_of`). "one-point" is for
+        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.mesh.rules.rule_of`). "one-point" is for
         quadrilaterals and hexahedra: it uses mean gradients, and a control of the hourglass modes, which have zero mean gradients.
     hourglass
         Coefficient for "one-point", by default 0.05. The energy `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is

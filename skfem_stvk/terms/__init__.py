@@ -3,16 +3,23 @@
 from typing import Any
 
 from .body import Body
-from .corotated import Corotated
-from .dead_loads import BodyForce, Gravity, NodalLoad, Traction
-from .edge_network import EdgeNetwork
-from .foundation import ElasticFoundation
-from .friction import Friction
-from .invertible import InvertibleStVK
-from .linear_elastic import LinearElastic
-from .mesh_contact import MeshContact
-from .neo_hookean import NeoHookean
-from .pressure import Pressure
+from .laws.corotated import Corotated
+from .laws.edge_network import EdgeNetwork
+from .laws.invertible import InvertibleStVK
+from .laws.linear_elastic import LinearElastic
+from .laws.neo_hookean import NeoHookean
+from .laws.spring_network import SpringNetwork
+from .laws.stvk import StVK
+from .laws.volume_penalty import VolumePenalty
+from .loads.dead_loads import BodyForce, Gravity, NodalLoad, Traction
+from .loads.foundation import ElasticFoundation
+from .loads.friction import Friction
+from .loads.mesh_contact import MeshContact
+from .loads.pressure import Pressure
+from .loads.rigid_contact import RigidContact
+from .loads.rigid_mesh import RigidMesh
+from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
+from .loads.times import Ramp, Sine, Table
 from .protocols import (
     BoundLoad,
     BoundTerm,
@@ -41,13 +48,6 @@ from .protocols import (
     Term,
     is_load,
 )
-from .rigid_contact import RigidContact
-from .rigid_mesh import RigidMesh
-from .rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
-from .spring_network import SpringNetwork
-from .stvk import StVK
-from .times import Ramp, Sine, Table
-from .volume_penalty import VolumePenalty
 
 #: Terms that scenes know, by their `type`.
 TERMS: dict[str, Any] = {

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..edges.elements import Quadrature
-from ..elements import Element
-from ..elements.element import named
+from ..edges.materials import Isotropic
 from ..errors import LoadError, MaterialError, name_ids
-from ..materials import Isotropic
 from ..mesh import ElementMesh
+from ..mesh.element import Element, named
 from ..mesh.facets import facets_of, find_facets
 from ..mesh.points import sizes_of
-from .spread import lumped_shares
+from .loads.spread import lumped_shares
 
 
 @runtime_checkable

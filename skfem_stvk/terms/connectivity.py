@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import real_array, shown, whole_array
-from ..elements import ELEMENTS, Element, named
 from ..errors import MeshError, name_ids, name_known
-from ..linear.space import Space
 from ..mesh import ElementMesh, MeshLike
+from ..mesh.element import ELEMENTS, Element, named
 from ..mesh.locations import checked_facets, checked_lines
+from ..space import Space
 from .protocols import is_load
 
 

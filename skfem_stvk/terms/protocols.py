@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array, own
+from ..edges.materials import Hypothesis
 from ..edges.pairs import BoundTerm, NodeBlocks
-from ..materials import Hypothesis
 from ..mesh import ElementMesh
 from .body import Body
-from .load import Time, check_constants
-from .rigid_shapes import RigidShape
+from .loads.load import Time, check_constants
+from .loads.rigid_shapes import RigidShape
 
 
 class Term(Protocol):

@@ -5,8 +5,8 @@ import pytest
 from bodies import BODIES, MESHES, random_frames, some_voigt
 
 from skfem_stvk import Anisotropic, ElementMesh, Isotropic, StVK
+from skfem_stvk.edges.materials import Hypothesis
 from skfem_stvk.edges.topology import LOCAL_EDGES
-from skfem_stvk.materials import Hypothesis
 
 REGULAR = ElementMesh(
     p=np.array([[0, 0, 0], [1, 0, 0], [0.5, np.sqrt(3) / 2, 0], [0.5, np.sqrt(3) / 6, np.sqrt(2 / 3)]]).T, t=[[0], [1], [2], [3]]

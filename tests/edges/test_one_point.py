@@ -11,7 +11,7 @@ from slow import slow
 from skfem_stvk import EnergyMomentum, Gravity, LinearBackwardEuler, StVK, System, VolumePenalty, simulate, solve_static
 from skfem_stvk.edges import NONE, TENSILE
 from skfem_stvk.mesh.points import base_vectors_at
-from skfem_stvk.terms.volume_penalty import ENERGIES
+from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 TERM = StVK(young=2.0, poisson=0.3, density=1.5)
 MESHES = {"hexahedra": boxes(3), "quadrilaterals": boxes(2, n=3)}

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 
 from skfem_stvk.edges.topology import shares_of
 from skfem_stvk.kernels import threads as kernel_threads
-from skfem_stvk.kernels.blocks import fold
+from skfem_stvk.kernels.node_blocks import fold
 from skfem_stvk.kernels.threads import parts_of
 
 SEEDS = st.integers(0, 10**6)

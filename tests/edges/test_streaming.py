@@ -12,7 +12,7 @@ from slow import slow
 from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
 from skfem_stvk.edges import ALL, NONE, TENSILE, streaming
 from skfem_stvk.kernels.lanes import TRANSPOSED
-from skfem_stvk.kernels.topology import assign_slots
+from skfem_stvk.kernels.simplex_topology import assign_slots
 
 STVK = StVK(young=2.0, poisson=0.3)
 

@@ -9,8 +9,8 @@ from kernels.parts import in_parts
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges import abilities as edges_abilities
 from skfem_stvk.edges import assembly as edges_assembly
-from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.points import base_vectors_at, measures_of
+from skfem_stvk.mesh.rules import rule_of
 
 TERM = StVK(young=2.0, poisson=0.3)
 EVERY = {f"{name}, curved": mesh for name, mesh in CURVED.items()} | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items()}

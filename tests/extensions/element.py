@@ -3,9 +3,8 @@
 import numpy as np
 import skfem
 
-from skfem_stvk.elements import ELEMENTS, Element
-from skfem_stvk.elements.element import HEXAHEDRON, QUADRILATERAL, ShapeFunctions
-from skfem_stvk.reference.kinds import ElementKind
+from skfem_stvk.mesh.element import ELEMENTS, HEXAHEDRON, QUADRILATERAL, Element, ShapeFunctions
+from skfem_stvk.referee.reference.kinds import ElementKind
 
 
 def lagrange(s):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
-from skfem_stvk.dynamics.integrators import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Explicit
-from skfem_stvk.dynamics.integrators.explicit import ExplicitStepper
+from skfem_stvk.solvers.dynamics.integrators import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Explicit
+from skfem_stvk.solvers.dynamics.integrators.explicit import ExplicitStepper
 
 
 @dataclass(frozen=True)

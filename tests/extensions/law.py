@@ -5,7 +5,7 @@ from typing import Annotated
 
 from skfem_stvk import StVK
 from skfem_stvk.arguments import Quantity, number
-from skfem_stvk.terms.elastic_law import ElasticLaw
+from skfem_stvk.terms.laws.elastic_law import ElasticLaw
 
 
 @dataclass(frozen=True, eq=False)

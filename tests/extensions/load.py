@@ -7,8 +7,8 @@ import numpy as np
 
 from skfem_stvk.arguments import Quantity
 from skfem_stvk.terms import Load
-from skfem_stvk.terms.dead_loads import DeadLoad, Nodes
-from skfem_stvk.terms.load import Value
+from skfem_stvk.terms.loads.dead_loads import DeadLoad, Nodes
+from skfem_stvk.terms.loads.load import Value
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from extensions import element, integrator, law, load, solver
 
 import skfem_stvk
 from skfem_stvk.linear import SOLVERS
-from skfem_stvk.scene.schema.quantities import key
+from skfem_stvk.scenes.schema.quantities import key
 
 ROOT = Path(skfem_stvk.__file__).parent.parent
 
@@ -49,12 +49,12 @@ def with_load(package):
 
 def with_element(package):
     for one in (element.QUAD9, element.HEX27):
-        package.add("skfem_stvk.elements.element", "ELEMENTS", one.name, one)
-    package.add("skfem_stvk.reference.kinds", "KINDS", element.HEX27.name, element.KIND)
+        package.add("skfem_stvk.mesh.element", "ELEMENTS", one.name, one)
+    package.add("skfem_stvk.referee.reference.kinds", "KINDS", element.HEX27.name, element.KIND)
 
 
 def with_integrator(package):
-    package.add("skfem_stvk.dynamics.integrators", "INTEGRATORS", "DriftKick", integrator.DriftKick)
+    package.add("skfem_stvk.solvers.dynamics.integrators", "INTEGRATORS", "DriftKick", integrator.DriftKick)
 
 
 def with_solver(package):
@@ -62,14 +62,14 @@ def with_solver(package):
 
 
 def with_key(package):
-    sections = import_module("skfem_stvk.scene.schema.sections")
+    sections = import_module("skfem_stvk.scenes.schema.sections")
 
     class SceneTables(sections.SceneTables):
         """Scene with one more key."""
 
         author: Annotated[str, key("Who wrote it.")] = ""
 
-    package.replace("skfem_stvk.scene.schema.sections", "SceneTables", SceneTables)
+    package.replace("skfem_stvk.scenes.schema.sections", "SceneTables", SceneTables)
 
 
 #: Functions that add a toy, by kind of extension.

@@ -1,7 +1,7 @@
 """A toy peer: the referee's reference with the interface of a peer; it requires NumPy."""
 
-from skfem_stvk.peers.peer import require
-from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.referee.peers.peer import require
+from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 
 
 class Toy:

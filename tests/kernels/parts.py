@@ -9,7 +9,8 @@ from skfem_stvk.edges import abilities, assembly, elements, network, pairs, stre
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements, facets
 from skfem_stvk.system import pattern
-from skfem_stvk.terms import at_points, volume_penalty
+from skfem_stvk.terms.laws import response_at_points as at_points
+from skfem_stvk.terms.laws import volume_penalty
 
 #: Modules, and the kernels that they import by name.
 BY_NAME = {

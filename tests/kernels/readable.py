@@ -5,7 +5,7 @@ shape functions in the frame instead of base vectors. They use the whole tensor 
 instead of loops.
 
 Elements differ only in their table of points, and laws only in their entry of `LAWS`. The arrays are described in
-`skfem_stvk.kernels.elements`, `laws` and `blocks`.
+`skfem_stvk.kernels.element_assembly`, `laws` and `blocks`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 
-from skfem_stvk.kernels.cg import (
+from skfem_stvk.kernels.compiled import Ids, Reals
+from skfem_stvk.kernels.compiled_cg import (
     BETA,
     CONVERGED,
     NEGATIVE,
@@ -35,21 +36,20 @@ from skfem_stvk.kernels.cg import (
     U,
     X,
 )
-from skfem_stvk.kernels.compiled import Ids, Reals
-from skfem_stvk.kernels.corotated import CorotatedLaw
+from skfem_stvk.kernels.corotated_law import CorotatedLaw
 from skfem_stvk.kernels.discrete_gradient import DiscreteGradient
-from skfem_stvk.kernels.elements import MeanStress, StressOfRates
-from skfem_stvk.kernels.invertible import InvertibleLaw
+from skfem_stvk.kernels.element_assembly import MeanStress, StressOfRates
+from skfem_stvk.kernels.invertible_law import InvertibleLaw
 from skfem_stvk.kernels.lanes import LANES, TRANSPOSED, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
-from skfem_stvk.kernels.linear_elastic import LinearGeneralLaw, LinearIsotropicLaw
-from skfem_stvk.kernels.neo_hookean import NeoHookeanLaw, NeoHookeanSheet
+from skfem_stvk.kernels.linear_law import LinearGeneralLaw, LinearIsotropicLaw
+from skfem_stvk.kernels.neo_hookean_law import NeoHookeanLaw, NeoHookeanSheet
 from skfem_stvk.kernels.rows import PairSlots, RowSlots
-from skfem_stvk.kernels.stvk import TensionLaw
+from skfem_stvk.kernels.simplex_topology import OWN
 from skfem_stvk.kernels.svd import LINE, SHEET
-from skfem_stvk.kernels.topology import OWN
-from skfem_stvk.kernels.volume_penalty import BARRIER, COMPRESSION, QUADRATIC
-from skfem_stvk.terms.neo_hookean import thickening
+from skfem_stvk.kernels.tension_fields import TensionLaw
+from skfem_stvk.kernels.volume_energies import BARRIER, COMPRESSION, QUADRATIC
+from skfem_stvk.terms.laws.neo_hookean import thickening
 
 #: Edges of a tetrahedron as pairs of its vertices, in the order of `edge_slots`.
 EDGES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))

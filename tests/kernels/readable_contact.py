@@ -1,10 +1,10 @@
-"""Readable twins of the kernels of contact: all points at once, as the formulas stand in `skfem_stvk.kernels.contact`."""
+"""Readable twins of the kernels of contact: all points at once, as the formulas stand in `skfem_stvk.kernels.contact_penalty`."""
 
 from itertools import pairwise
 
 import numpy as np
 
-from skfem_stvk.kernels.contact import BOX, CYLINDER, DIRECTION, PLANE, RADIUS, SIGN
+from skfem_stvk.kernels.contact_penalty import BOX, CYLINDER, DIRECTION, PLANE, RADIUS, SIGN
 
 #: Gauss points and weights on (0, 1), for integrals over one branch of the penalty.
 S, DS = (0.5 * (np.polynomial.legendre.leggauss(6)[0] + 1), 0.5 * np.polynomial.legendre.leggauss(6)[1])

@@ -16,12 +16,12 @@ from slow import slow_but
 
 from skfem_stvk import StvkWarning
 from skfem_stvk.kernels import compiled
-from skfem_stvk.kernels.topology import edges_of_simplices
+from skfem_stvk.kernels.simplex_topology import edges_of_simplices
 
 ROOT = Path(__file__).parent.parent.parent
 KERNEL = """
 import numpy as np
-from skfem_stvk.kernels.topology import lexicographic_order
+from skfem_stvk.kernels.simplex_topology import lexicographic_order
 assert lexicographic_order(np.array([[2, 0, 1]], dtype=np.int32), 3).tolist() == [1, 2, 0]
 """
 NO_ROOM = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
@@ -30,7 +30,7 @@ LAWS = """
 import numpy as np
 from skfem_stvk.kernels.lanes import LANES, MeanPoints, Points
 from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
-from skfem_stvk.kernels.elements import energy_and_force
+from skfem_stvk.kernels.element_assembly import energy_and_force
 NUMBERS = {{IsotropicLaw: [1, 2], GeneralLaw: [3, 1, 1, 0, 0, 0, 3, 1, 0, 0, 0, 3, 0, 0, 0, 2, 0, 0, 2, 0, 2]}}
 t, X = np.repeat(np.arange(4, dtype=np.uint32), LANES), np.array([0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1.0])
 means = np.repeat(np.eye(3), LANES).reshape(1, 3, 3, LANES)
@@ -134,10 +134,10 @@ def test_the_package_is_imported_with_any_number_of_threads(tmp_path):
 @pytest.mark.parametrize(
     ("name", "edited", "again"),
     [
-        ("motion", "motion", True),
-        ("motion", "cg", False),
-        ("elements", "lanes", True),
-        ("elements", "cg", False),
+        ("motion_updates", "motion_updates", True),
+        ("motion_updates", "compiled_cg", False),
+        ("element_assembly", "lanes", True),
+        ("element_assembly", "compiled_cg", False),
         ("rows", "laws", True),
     ],
 )

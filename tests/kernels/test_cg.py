@@ -5,8 +5,8 @@ import pytest
 from kernels import readable
 from linear.problems import NAMES, body, supported
 
-from skfem_stvk.kernels import cg
-from skfem_stvk.kernels.cg import CONVERGED, NEGATIVE, NOT_FINITE, UNFINISHED, P, S, T, U, X
+from skfem_stvk.kernels import compiled_cg as cg
+from skfem_stvk.kernels.compiled_cg import CONVERGED, NEGATIVE, NOT_FINITE, UNFINISHED, P, S, T, U, X
 from skfem_stvk.linear import BlockJacobiCg, Kind, SsorCg, Unknowns
 from skfem_stvk.system import FreeOperator
 

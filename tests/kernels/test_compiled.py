@@ -16,7 +16,7 @@ from skfem_stvk.kernels import compiled
 ROOT = Path(__file__).parent.parent.parent
 TWO_KERNELS = """
 import numpy as np
-from skfem_stvk.kernels.topology import lexicographic_order, expand
+from skfem_stvk.kernels.simplex_topology import lexicographic_order, expand
 assert lexicographic_order(np.array([[2, 0, 1]], dtype=np.int32), 3).tolist() == [1, 2, 0]
 expand(np.array([0, 1]), np.array([0], dtype=np.int32), 2)
 """
@@ -63,7 +63,7 @@ def test_a_long_first_use_reports_the_number_of_compiled_kernels(tmp_path):
 
 
 def test_kernels_of_other_packages_are_compiled_without_a_message(tmp_path):
-    code = "import numba, skfem_stvk.kernels.topology\nassert numba.njit(lambda x: x + 1)(1) == 2"
+    code = "import numba, skfem_stvk.kernels.simplex_topology\nassert numba.njit(lambda x: x + 1)(1) == 2"
     assert run(code, tmp_path).stderr == ""
 
 
@@ -133,7 +133,7 @@ print(System(mesh, StVK(young=1e5, poisson=0.3)).energy(0.01 * mesh.p.ravel("F")
 
 # where machine code is stored
 
-KERNEL = "import numpy as np\nfrom skfem_stvk.kernels.topology import expand\n"
+KERNEL = "import numpy as np\nfrom skfem_stvk.kernels.simplex_topology import expand\n"
 KERNEL += "print(expand(np.array([0, 1]), np.array([0], dtype=np.int32), 2)[0].tolist())\n"
 OWN = """
 import numba, pathlib, sys

@@ -7,7 +7,7 @@ from terms.test_rigid_contact import MESHES, SHAPES
 
 from skfem_stvk import RigidContact, RigidPlane, RigidSphere, StVK, System
 from skfem_stvk.edges.pairs import NodeBlocks
-from skfem_stvk.kernels import contact as kernels
+from skfem_stvk.kernels import contact_penalty as kernels
 from skfem_stvk.mesh import ElementMesh
 
 PLANE = ElementMesh(np.array([[0.0, 1.0, 0.1, 1.2], [0.0, 0.1, 1.0, 1.1]]), np.array([[0, 1], [1, 2], [2, 3]]))

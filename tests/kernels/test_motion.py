@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from kernels import readable
 
-from skfem_stvk.kernels import blocks, motion
+from skfem_stvk.kernels import motion_updates as motion
+from skfem_stvk.kernels import node_blocks as blocks
 
 
 @pytest.mark.parametrize("d", [1, 2, 3])

@@ -11,8 +11,8 @@ from kernels.parts import on_twins
 from skfem_stvk import Anisotropic, ElementMesh, StVK, System
 from skfem_stvk.edges import Tensions
 from skfem_stvk.edges.elements import Quadrature
-from skfem_stvk.elements import rule_of
-from skfem_stvk.reference import anisotropic_tensor, isotropic_tensor
+from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.referee.reference import anisotropic_tensor, isotropic_tensor
 from skfem_stvk.terms.body import Body
 
 VOIGT = some_voigt(np.random.default_rng(3))

@@ -9,8 +9,9 @@ from hypothesis import given, settings
 from kernels import readable
 
 from skfem_stvk.edges.topology import LOCAL_EDGES
-from skfem_stvk.kernels import geometry, topology
-from skfem_stvk.kernels.topology import OWN
+from skfem_stvk.kernels import simplex_geometry as geometry
+from skfem_stvk.kernels import simplex_topology as topology
+from skfem_stvk.kernels.simplex_topology import OWN
 
 HUB = 10_000
 

@@ -19,7 +19,7 @@ from skfem_stvk.edges import Tensions
 from skfem_stvk.kernels import networks, reduced
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.terms import Body, HasDampingForce, HasRoundOff, HasVolume, Quartic
-from skfem_stvk.terms.volume_penalty import ENERGIES
+from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 
 def results(mesh, terms, dtype=np.float64, amount=0.3, kind="usual"):
@@ -237,7 +237,7 @@ def called_from_python(module):
 
 #: Modules of kernels, without `contact`: its twins are formulas for all points at once (`tests/kernels/test_contact.py`).
 MODULES = [import_module(f"{compiled_kernels.__name__}.{one.name}") for one in iter_modules(compiled_kernels.__path__)]
-MODULES = [module for module in MODULES if called_from_python(module) and module.__name__ != "skfem_stvk.kernels.contact"]
+MODULES = [module for module in MODULES if called_from_python(module) and module.__name__ != "skfem_stvk.kernels.contact_penalty"]
 TWINS = {networks: readable_networks, reduced: readable_reduced}
 
 

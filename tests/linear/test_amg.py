@@ -11,7 +11,7 @@ from linear.problems import problem, rigid_motions
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, Kind, Outcome, Unknowns, amg
-from skfem_stvk.linear.blocks import VertexRows
+from skfem_stvk.linear.block_matrices import VertexRows
 from skfem_stvk.linear.multigrid import MIN_AGGREGATE_SIZE, ToCorners, aggregates
 
 

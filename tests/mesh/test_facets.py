@@ -7,7 +7,6 @@ from bodies import box, element_sizes, values_at
 from meshfiles import curved
 
 from skfem_stvk import ElementMesh
-from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.facets import (
     boundary_facets,
     edges_of,
@@ -18,6 +17,7 @@ from skfem_stvk.mesh.facets import (
     with_midpoints,
 )
 from skfem_stvk.mesh.points import base_vectors_at, measures_of, normals_of, sizes_of
+from skfem_stvk.mesh.rules import rule_of
 
 KINDS = [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad]
 

@@ -5,7 +5,7 @@ import pytest
 from bodies import element_sizes, jacobians, node_sizes
 
 from skfem_stvk import ElementMesh
-from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.mesh.geometry import Geometry, aspect_ratios, edge_lengths
 from skfem_stvk.mesh.points import are_straight
 

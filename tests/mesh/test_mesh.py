@@ -11,8 +11,7 @@ from meshfiles import CUBE, FIVE_TETS, curved
 from skfem_stvk import ElementMesh, MeshError, RegionError, StVK, StvkWarning, System, arguments
 from skfem_stvk.arguments import check_index_range
 from skfem_stvk.edges.topology import kernel_edges, pairs_of
-from skfem_stvk.elements import ELEMENTS
-from skfem_stvk.elements.element import LOCAL_EDGES
+from skfem_stvk.mesh.element import ELEMENTS, LOCAL_EDGES
 from skfem_stvk.mesh.facets import facets_of, outer_facets, pairs_in
 
 TRIANGLES = skfem.MeshTri().refined(2).with_subdomains({"left": lambda x: x[0] < 0.5})

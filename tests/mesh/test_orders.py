@@ -8,9 +8,9 @@ from bodies import element_sizes
 from meshfiles import CUBE, curved, same_facets, write
 
 from skfem_stvk import ElementMesh, MeshError, StvkWarning
-from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh import read_mesh
 from skfem_stvk.mesh.diagnostics import check_mesh
+from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.mesh.facets import find_facets
 from skfem_stvk.mesh.points import are_straight
 

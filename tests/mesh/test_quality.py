@@ -8,8 +8,8 @@ import skfem
 from bodies import MESHES, distorted
 
 from skfem_stvk import ElementMesh, MeshError, StvkError, mesh_quality
-from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh.diagnostics import check_mesh
+from skfem_stvk.mesh.element import ELEMENTS
 
 REGULAR = np.array([[1.0, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]])
 

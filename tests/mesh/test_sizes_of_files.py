@@ -10,7 +10,7 @@ import pytest
 from skfem_stvk import ElementMesh, MeshError, read_mesh, write_mesh
 from skfem_stvk.mesh import box
 from skfem_stvk.mesh.formats import CHECKS, READERS
-from skfem_stvk.mesh.formats.source import LONGEST
+from skfem_stvk.mesh.formats.stream import LONGEST
 
 #: Bytes of a sparse file of zeros, more than any memory.
 ENDLESS = 2**40

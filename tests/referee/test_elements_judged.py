@@ -12,7 +12,7 @@ import skfem
 from bodies import box, distorted, membrane, sheet
 
 from skfem_stvk import Anisotropic, ElementMesh, StVK, System, verify
-from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.referee.discretisation import Discretisation
 from skfem_stvk.referee.element_model import model_of
 from skfem_stvk.referee.exact import ExactStVK

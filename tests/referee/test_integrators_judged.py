@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from skfem_stvk import StvkError, verify_integrator
-from skfem_stvk.dynamics import INTEGRATORS
-from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.record import MotionState
 from skfem_stvk.referee.results import CheckOutcome
+from skfem_stvk.solvers.dynamics import INTEGRATORS
+from skfem_stvk.solvers.dynamics.motion import Motion
+from skfem_stvk.solvers.dynamics.record import MotionState
 
 BOTH = ("linear momentum", "angular momentum")
 

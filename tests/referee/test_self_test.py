@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from skfem_stvk.cli.main import main
 from skfem_stvk.referee import self_test as module
 from skfem_stvk.referee.faults import FAULTS, bodies
 from skfem_stvk.referee.self_test import BACKS_UP, CHECKS, SelfTest, self_test
 from skfem_stvk.referee.verification import failures_of
+from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.terminal import as_text
 
 PAGE = Path(__file__).parents[2] / "docs" / "measurements" / "planted-faults.md"

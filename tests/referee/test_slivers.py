@@ -10,9 +10,9 @@ from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.bodies import elasticity
 from skfem_stvk.referee.discretisation import Discretisation
 from skfem_stvk.referee.exact import MOST_FLAT, Truth
+from skfem_stvk.referee.reference import ReferenceStVK
 from skfem_stvk.referee.results import CheckOutcome
 from skfem_stvk.referee.shape import Shape
-from skfem_stvk.reference import ReferenceStVK
 
 TERM = StVK(young=2.0, poisson=0.3)
 

@@ -5,7 +5,7 @@ import pytest
 import skfem
 
 from skfem_stvk import BodyForce, StVK, StvkError, System, solve_static, verify_solver
-from skfem_stvk.materials import Hypothesis
+from skfem_stvk.edges.materials import Hypothesis
 from skfem_stvk.referee import solvers
 from skfem_stvk.referee.results import CheckOutcome
 

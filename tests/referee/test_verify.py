@@ -219,7 +219,7 @@ def test_the_textbook_form_in_the_kernel_is_caught_by_precision(monkeypatch):
 
 @pytest.mark.parametrize("name", ["membrane", "triangles"])
 def test_a_wrong_plane_hypothesis_is_caught(name, monkeypatch):
-    from skfem_stvk.materials import Hypothesis
+    from skfem_stvk.edges.materials import Hypothesis
 
     monkeypatch.setattr(StVK, "hypothesis", lambda self, mesh: Hypothesis.PLANE_STRAIN)
     report = verify(MESHES[name], StVK(young=1.0, poisson=0.3, plane="stress"), **QUIET)

@@ -16,7 +16,7 @@ from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
 from skfem_stvk.edges.stiffness import voigt_indices
 from skfem_stvk.results import Fields, ellipticity
 from skfem_stvk.results.ellipticity import directions, without_ellipticity
-from skfem_stvk.terms.volume_penalty import ENERGIES
+from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 NAME = "smallest_acoustic_eigenvalue"
 MU = YOUNG / (2 * (1 + POISSON))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from skfem_stvk import ElementMesh, StateError, StVK, StvkError
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields, names
-from skfem_stvk.results.law import current_normals, rest_frames
+from skfem_stvk.results.law_on_elements import current_normals, rest_frames
 
 
 def at(name, amount=0.03):

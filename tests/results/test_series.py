@@ -13,7 +13,7 @@ from slow import slow
 
 from skfem_stvk import Gravity, StVK, StvkError, StvkWarning, System, VelocityVerlet, simulate, solve_static
 from skfem_stvk.results import Fields, Series
-from skfem_stvk.results.files import WriteError
+from skfem_stvk.results.complete_files import WriteError
 from skfem_stvk.results.series import save_series
 
 MESH = MESHES["triangles"]

@@ -5,10 +5,10 @@ import pytest
 from bodies import MESHES, boxes, curved, state
 
 from skfem_stvk import ElementMesh, EnergyMomentum, StVK, StvkError, StvkWarning, System, read_state, simulate, solve_static
-from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
 from skfem_stvk.mesh import box
 from skfem_stvk.results import Fields, Series, write_vtu
 from skfem_stvk.results.store import read_archive, write_archive
+from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, MotionHeader
 
 EVERY = {
     **MESHES,

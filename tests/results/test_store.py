@@ -13,7 +13,7 @@ from divided import Exchange, PartSpace
 
 from skfem_stvk.errors import StvkError
 from skfem_stvk.results import store
-from skfem_stvk.results.files import ForeignFile, content_of
+from skfem_stvk.results.complete_files import ForeignFile, content_of
 from skfem_stvk.results.store import Header, Record, read_archive, write_archive
 
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from skfem_stvk import ElementMesh, Isotropic, StateError, StVK, StvkWarning, System
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.referee.bodies import is_condensed, voigt_matrix
-from skfem_stvk.reference import anisotropic_tensor, engineering_matrix
+from skfem_stvk.referee.reference import anisotropic_tensor, engineering_matrix
 from skfem_stvk.results import Fields
 
 SOLIDS = ("tetrahedra", "triangles")  # space and plane strain: uniaxial strain and shear are the same states in both

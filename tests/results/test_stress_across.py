@@ -12,7 +12,7 @@ from scipy.optimize import root
 from skfem_stvk import Anisotropic, Corotated, ElementMesh, InvertibleStVK, LinearElastic, NeoHookean, StVK, StvkWarning
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields
-from skfem_stvk.results.law import rest_frames
+from skfem_stvk.results.law_on_elements import rest_frames
 
 ONE = np.eye(3)
 VOIGT = np.array([(0, 0), (1, 1), (2, 2), (1, 2), (0, 2), (0, 1)])

@@ -7,8 +7,8 @@ from bodies import BODIES, MESHES, state
 from skfem_stvk import ElementMesh, StateError, StVK, StvkWarning, System, VolumePenalty
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields
-from skfem_stvk.results.law import dilation
-from skfem_stvk.terms.volume_penalty import ENERGIES
+from skfem_stvk.results.law_on_elements import dilation
+from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 SOLID = [name for name in BODIES if name.split(",")[0] in ("tetrahedra", "triangles", "segments")]
 KINDS = tuple(ENERGIES)

@@ -8,7 +8,7 @@ from bodies import MESHES, state
 
 from skfem_stvk import ElementMesh, StateError, StVK, StvkError, embedded_mesh, read_mesh
 from skfem_stvk.results import Fields, names, write_vtu
-from skfem_stvk.results.files import output_folder, output_path, replacing
+from skfem_stvk.results.complete_files import output_folder, output_path, replacing
 
 
 def at(mesh, **term):

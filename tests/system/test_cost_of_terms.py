@@ -38,7 +38,7 @@ from skfem_stvk import (
     terms,
 )
 from skfem_stvk.edges import assembly, stiffness
-from skfem_stvk.kernels import elements as element_kernels
+from skfem_stvk.kernels import element_assembly as element_kernels
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.system import pattern, system
 

@@ -28,7 +28,7 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, Unknowns
-from skfem_stvk.nonlinear.outcome import Status
+from skfem_stvk.solvers.newton.outcome import Status
 from skfem_stvk.system.operator import FreeOperator
 
 

@@ -28,13 +28,13 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.dynamics.forces import add_damping_force, add_mean_force
 from skfem_stvk.errors import StateError, StvkError
 from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, Petsc, SsorCg, SuperLU
 from skfem_stvk.linear.cg import conjugate_gradients
 from skfem_stvk.linear.choose import choose
-from skfem_stvk.nonlinear.outcome import Status
-from skfem_stvk.nonlinear.stability import ON_PARTS
+from skfem_stvk.solvers.dynamics.forces import add_damping_force, add_mean_force
+from skfem_stvk.solvers.newton.outcome import Status
+from skfem_stvk.solvers.newton.stability import ON_PARTS
 
 __all__ = ["separate_threads"]  # a fixture
 pytestmark = pytest.mark.filterwarnings("ignore::skfem_stvk.errors.StvkWarning")

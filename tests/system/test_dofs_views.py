@@ -22,9 +22,9 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.dynamics import VelocityVerlet
 from skfem_stvk.mesh.locations import describe, facets_at, vertices_at
 from skfem_stvk.results import Reaction
+from skfem_stvk.solvers.dynamics import VelocityVerlet
 
 MESH = skfem.MeshTet.init_tensor(*[np.linspace(0, 1, n) for n in (4, 3, 5)]).with_boundaries(
     {"bot": lambda x: x[2] == 0, "top": lambda x: x[2] == 1, "side": lambda x: x[0] == 0}

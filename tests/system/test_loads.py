@@ -6,7 +6,7 @@ from bodies import MESHES, box, sheet, state
 
 from skfem_stvk import BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, StVK, System, Traction
 from skfem_stvk.errors import LoadError, StateError, SupportError
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.loads.load import Moment
 
 SECTION = {1: {"area": 0.3}, 2: {"thickness": 0.3}, 3: {}}
 

@@ -19,7 +19,7 @@ from skfem_stvk import (
     System,
     VolumePenalty,
 )
-from skfem_stvk.materials import Orthotropic
+from skfem_stvk.edges.materials import Orthotropic
 from skfem_stvk.system.mass import KINDS
 
 RNG = np.random.default_rng(0)

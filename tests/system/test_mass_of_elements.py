@@ -10,10 +10,11 @@ from bodies import CURVED, STRAIGHT, scikit_fem_of, values_at
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
-from skfem_stvk.elements import ELEMENTS, rule_of
+from skfem_stvk.mesh.element import ELEMENTS
+from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.system.mass import KINDS, ConsistentMass, LumpedMass, bounds_of_elements
 from skfem_stvk.terms import Body
-from skfem_stvk.terms.spread import Spread, lumped_shares, sizes_at_points
+from skfem_stvk.terms.loads.spread import Spread, lumped_shares, sizes_at_points
 
 RNG = np.random.default_rng(0)
 SECTION = {1: "area", 2: "thickness"}

@@ -16,7 +16,7 @@ from slow import slow
 from skfem_stvk import ElasticFoundation, ElementMesh, StVK, System
 from skfem_stvk.edges.topology import edge_topology
 from skfem_stvk.errors import SupportError
-from skfem_stvk.kernels.topology import pieces_of_simplices
+from skfem_stvk.kernels.simplex_topology import pieces_of_simplices
 from skfem_stvk.mesh.facets import facet_ids
 from skfem_stvk.system.constraints import Block, free_motions
 from skfem_stvk.system.mechanisms import check_held, mechanisms

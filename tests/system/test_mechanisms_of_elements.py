@@ -8,7 +8,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 from test_mechanisms import put_together, simplex
 
 from skfem_stvk import ElementMesh
-from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.system.mechanisms import mechanisms, pieces
 from skfem_stvk.system.rigid import free_rigid_modes, parts_of
 

@@ -35,7 +35,6 @@ from skfem_stvk import (
     modes,
     solve_static,
 )
-from skfem_stvk.dynamics.forces import add_damping_force, add_mean_force
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.kernels.threads import threads
@@ -43,7 +42,8 @@ from skfem_stvk.mesh.facets import facets_of, find_facets
 from skfem_stvk.results import Fields, animate, write_vtu
 from skfem_stvk.results.picture import picture_of
 from skfem_stvk.results.series import save_series
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.solvers.dynamics.forces import add_damping_force, add_mean_force
+from skfem_stvk.terms.loads.load import Moment
 
 RNG = np.random.default_rng(21)
 BOXES = [name for name, mesh in EVERY_MESH.items() if mesh.element.shape.one_point and mesh.k == mesh.d]

@@ -7,7 +7,7 @@ import pytest
 import skfem
 
 from skfem_stvk import StVK, StvkError, System, Traction, VelocityVerlet, critical_step, modes, simulate, solve_static
-from skfem_stvk.dynamics import Newmark
+from skfem_stvk.solvers.dynamics import Newmark
 
 
 class Counting(System):

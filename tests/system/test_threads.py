@@ -109,7 +109,7 @@ from numba.np.ufunc import parallel
 from skfem_stvk import StVK, System
 from skfem_stvk.kernels.threads import threads
 from skfem_stvk.mesh import box
-from skfem_stvk.scene.run import on_threads
+from skfem_stvk.scenes.run_scene import on_threads
 body = System(box((1.0, 1.0, 1.0), (2, 2, 2)), StVK(young=2.0, poisson=0.3))
 u = np.sin(np.arange(body.ndofs))
 before = body.internal_force(u)

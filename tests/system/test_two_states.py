@@ -7,8 +7,8 @@ import pytest
 from bodies import MESHES, box, state
 
 from skfem_stvk import ElasticFoundation, StateError, StVK, StvkError, System, VolumePenalty
-from skfem_stvk.dynamics.forces import add_damping_force, add_mean_force, add_secant_damping
 from skfem_stvk.edges import NONE
+from skfem_stvk.solvers.dynamics.forces import add_damping_force, add_mean_force, add_secant_damping
 
 MESH = MESHES["tetrahedra"]
 HALF = MESH.nt // 2

@@ -27,12 +27,12 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.cli.main import main
-from skfem_stvk.dynamics.ledger import Ledger, unit_of
 from skfem_stvk.results import animate
 from skfem_stvk.results.state_files import read_state
 from skfem_stvk.results.vtu import write_mesh
-from skfem_stvk.scene.units import implausible
+from skfem_stvk.scenes.commands.main import main
+from skfem_stvk.scenes.scene_units import implausible
+from skfem_stvk.solvers.dynamics.ledger import Ledger, unit_of
 from skfem_stvk.units import UNITS
 
 STEEL = {"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9}
@@ -76,7 +76,7 @@ def test_motions_name_the_units(tmp_path, capfd):
     assert run.message.startswith("reached t = 0.0003 s") and "ms" in moved(beam(units="mm-kg-ms")).message
     drawn = []
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("skfem_stvk.dynamics.run.animate", lambda *given, **options: drawn.append(options))
+        patch.setattr("skfem_stvk.solvers.dynamics.run.animate", lambda *given, **options: drawn.append(options))
         run.animate(tmp_path / "a.gif", "von_mises")
     assert drawn == [{"label": "von Mises stress [MPa]", "length_unit": "mm", "shapes": run._shapes}]
     animate([(0.0, run.state), (1.0, run.state)], tmp_path / "b.gif")

@@ -33,7 +33,7 @@ from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import TERMS, Body, HasDampingForce, HasMeanForce, HasRoundOff, HasVolume, Quartic, is_load
-from skfem_stvk.terms.volume_penalty import ENERGIES
+from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 RNG = np.random.default_rng(12)
 SOLID = ("tetrahedra", "triangles", "segments")

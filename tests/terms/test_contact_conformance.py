@@ -16,7 +16,7 @@ from terms.toys import Floor
 from skfem_stvk import Friction, RigidContact, System
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.terms import HasContact, HasHistory, HasMeanForce, TakesTime
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.loads.load import Moment
 from skfem_stvk.terms.protocols import Assumed
 
 

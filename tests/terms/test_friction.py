@@ -25,10 +25,10 @@ from skfem_stvk import (
     VelocityVerlet,
     simulate,
 )
-from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.record import MotionState
 from skfem_stvk.edges import ALL
 from skfem_stvk.mesh import ElementMesh, box
+from skfem_stvk.solvers.dynamics.motion import Motion
+from skfem_stvk.solvers.dynamics.record import MotionState
 from skfem_stvk.system.round_off import EPS
 
 MU, G, SIZE, DENSITY = 0.3, 9.81, 0.1, 1e3

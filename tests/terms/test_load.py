@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skfem_stvk.errors import LoadError, SupportError
-from skfem_stvk.terms.load import Moment, Value
+from skfem_stvk.terms.loads.load import Moment, Value
 
 X = np.array([[0.0, 1.0, 2.0], [5.0, 5.0, 6.0]])
 

@@ -9,12 +9,12 @@ from springs import PointSpring
 from terms.toys import Vortex
 
 from skfem_stvk import BodyForce, ElementMesh, Gravity, LoadError, NodalLoad, Pressure, StVK, System, Traction
-from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.record import MotionState
 from skfem_stvk.edges.pairs import AccumulatedBlocks
+from skfem_stvk.solvers.dynamics.motion import Motion
+from skfem_stvk.solvers.dynamics.record import MotionState
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import Body, FollowerLoad
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.loads.load import Moment
 
 T = Moment(0.6, 0.8)
 

@@ -12,11 +12,11 @@ from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.edges.pairs import with_blocks
-from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.points import sizes_at_points, sizes_of
+from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.system.pattern import Pattern
 from skfem_stvk.terms import Body, BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, Traction
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.loads.load import Moment
 
 RNG = np.random.default_rng(0)
 SECTION = {1: {"area": 0.3}, 2: {"thickness": 0.3}, 3: {}}

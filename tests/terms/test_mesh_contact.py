@@ -33,10 +33,10 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.dynamics.step_problem import StepProblem
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.mesh import ElementMesh
-from skfem_stvk.terms import ipc
+from skfem_stvk.solvers.dynamics.step_problem import StepProblem
+from skfem_stvk.terms.loads import ipc
 from skfem_stvk.terms.protocols import Assumed
 
 LAW = StVK(young=3e4, poisson=0.3, density=1000.0)

@@ -35,11 +35,11 @@ from skfem_stvk import (
 )
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.edges.elements import Quadrature
-from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.points import base_vectors_at, sizes_of
+from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.results import Fields
 from skfem_stvk.results.monitors import Monitors
-from skfem_stvk.statics import Status
+from skfem_stvk.solvers.statics import Status
 from skfem_stvk.terms import Body
 
 EVERY = (

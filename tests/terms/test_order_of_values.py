@@ -7,7 +7,7 @@ from bodies import MESHES, box, sheet, state
 from skfem_stvk import ElementMesh, LoadError, NodalLoad, Pressure, RegionError, StVK, System, Traction
 from skfem_stvk.errors import SupportError
 from skfem_stvk.system.supports import Supports
-from skfem_stvk.terms.load import Value
+from skfem_stvk.terms.loads.load import Value
 
 MESH = box()
 FEW = [9, 5, 60, 20]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import skfem
 from bodies import EVERY_MESH, MESHES, state
-from reduced.on_bases import OnModes
+from solvers.reduced.on_bases import OnModes
 
 from skfem_stvk import (
     BackwardEuler,
@@ -27,15 +27,15 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
-from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.record import MotionState
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.linear import SuperLU
-from skfem_stvk.nonlinear.stopwatch import Stopwatch
-from skfem_stvk.statics.equilibrium import Equilibrium
+from skfem_stvk.solvers.dynamics.integrators.implicit import ImplicitStepper
+from skfem_stvk.solvers.dynamics.motion import Motion
+from skfem_stvk.solvers.dynamics.record import MotionState
+from skfem_stvk.solvers.newton.stopwatch import Stopwatch
+from skfem_stvk.solvers.statics.equilibrium import Equilibrium
 from skfem_stvk.system.round_off import EPS
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.loads.load import Moment
 
 LAWS = {"corotated": Corotated, "invertible": InvertibleStVK}
 FIRST, SECOND, LAST = np.eye(3)

@@ -39,11 +39,11 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.dynamics.checkpoint import MotionCheckpoint, MotionHeader
 from skfem_stvk.edges import NONE as GAUSS_NEWTON
 from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.results.store import read_archive, write_archive
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, MotionHeader
+from skfem_stvk.terms.loads.load import Moment
 
 LAW = StVK(young=1e3, poisson=0.3, density=1.0)
 MESHES = {

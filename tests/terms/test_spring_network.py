@@ -27,10 +27,10 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.elements.element import LOCAL_EDGES
 from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.mesh.element import LOCAL_EDGES
 from skfem_stvk.results.fields import Fields
-from skfem_stvk.terms.spring_network import RULES, Rest
+from skfem_stvk.terms.laws.spring_network import RULES, Rest
 
 RNG = np.random.default_rng(21)
 REGULAR = 2.0 * np.array([[0, 1, 0.5, 0.5], [0, 0, 3**0.5 / 2, 3**0.5 / 6], [0, 0, 0, (2 / 3) ** 0.5]])

@@ -7,7 +7,7 @@ import pytest
 from bodies import box
 
 from skfem_stvk import Gravity, LoadError, NodalLoad, Pressure, Ramp, Sine, StVK, System, Table
-from skfem_stvk.terms.load import Moment, Value
+from skfem_stvk.terms.loads.load import Moment, Value
 
 X = np.zeros((3, 4))
 LAW = StVK(young=2.0, poisson=0.3, density=1.0)

@@ -9,10 +9,10 @@ from terms.test_conformance import CASES, dense, derivative, force_of, states, w
 from terms.toys import Anchors, Areas, Contacts, Friction, Springs, Vortex, Wind
 
 from skfem_stvk import Gravity, NodalLoad, Simulation, StVK, StvkError, System, solve_static
-from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, LinearBackwardEuler, Newmark, VelocityVerlet, simulate
-from skfem_stvk.dynamics.integrators import StepFailed
-from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
 from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.solvers.dynamics import BackwardEuler, EnergyMomentum, LinearBackwardEuler, Newmark, VelocityVerlet, simulate
+from skfem_stvk.solvers.dynamics.integrators import StepFailed
+from skfem_stvk.solvers.dynamics.integrators.implicit import ImplicitStepper
 
 MESH = MESHES["tetrahedra"]
 SOLID = StVK(young=50.0, poisson=0.3, density=1.0)

@@ -25,7 +25,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.terms import Body
-from skfem_stvk.terms.volume_penalty import ENERGIES
+from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 SOLID = ("tetrahedra", "triangles", "segments")
 WIDE = np.linspace(-2, 3, 501)

@@ -13,11 +13,12 @@ from skfem_stvk import StateError, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
 from skfem_stvk.edges.elements import Quadrature
 from skfem_stvk.edges.pairs import ALL
-from skfem_stvk.elements import rule_of
 from skfem_stvk.mesh.points import base_vectors_at, determinants
+from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.system.pattern import Pattern
-from skfem_stvk.terms import Body, volume_penalty
-from skfem_stvk.terms.volume_penalty import ENERGIES
+from skfem_stvk.terms import Body
+from skfem_stvk.terms.laws import volume_penalty
+from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 EVERY = {f"{name}, curved": mesh for name, mesh in CURVED.items()} | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items()}
 SOLID = [name for name, mesh in EVERY.items() if mesh.k == mesh.d]

@@ -21,7 +21,7 @@ from skfem_stvk import (
     verify,
 )
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
-from skfem_stvk.kernels import stvk
+from skfem_stvk.kernels import tension_fields as stvk
 from skfem_stvk.results import Fields
 from skfem_stvk.terms import HasDampingForce, HasMeanForce, HasStretch, Quartic
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from skfem_stvk import Friction, StvkWarning
-from skfem_stvk.terms.mesh_contact import BoundMeshContact
-from skfem_stvk.terms.rigid_contact import BoundRigidContact
+from skfem_stvk.terms.loads.mesh_contact import BoundMeshContact
+from skfem_stvk.terms.loads.rigid_contact import BoundRigidContact
 from validation import contact
 from validation.contact import between, hertz, motions, pairs, precision, pressed
 from validation.contact.check import Check, study_of

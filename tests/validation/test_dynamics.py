@@ -5,11 +5,19 @@ import pytest
 from slow import slow_but
 
 from skfem_stvk import BodyForce, Gravity, System
-from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, GeneralizedAlpha, Newmark, VelocityVerlet, simulate
-from skfem_stvk.dynamics.critical_step import critical_step
-from skfem_stvk.dynamics.forces import add_mean_force
-from skfem_stvk.dynamics.integrators import ENERGY
-from skfem_stvk.dynamics.integrators.implicit import ImplicitStepper
+from skfem_stvk.solvers.dynamics import (
+    BackwardEuler,
+    EnergyMomentum,
+    ForwardEuler,
+    GeneralizedAlpha,
+    Newmark,
+    VelocityVerlet,
+    simulate,
+)
+from skfem_stvk.solvers.dynamics.critical_step import critical_step
+from skfem_stvk.solvers.dynamics.forces import add_mean_force
+from skfem_stvk.solvers.dynamics.integrators import ENERGY
+from skfem_stvk.solvers.dynamics.integrators.implicit import ImplicitStepper
 from validation import dynamics
 from validation.dynamics import (
     csm3,

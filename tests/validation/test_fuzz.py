@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from skfem_stvk import EnergyMomentum, StvkError, System, VelocityVerlet
-from skfem_stvk.dynamics.integrators.explicit import VelocityVerletStepper
-from skfem_stvk.terms.mesh_contact import BoundMeshContact
-from skfem_stvk.terms.rigid_contact import BoundRigidContact
+from skfem_stvk.solvers.dynamics.integrators.explicit import VelocityVerletStepper
+from skfem_stvk.terms.loads.mesh_contact import BoundMeshContact
+from skfem_stvk.terms.loads.rigid_contact import BoundRigidContact
 from validation.fuzz import bodies, files, programs, solves, study
 
 CONTACTS = ("contacts", "contact programs", "contact solves", "contact motions")

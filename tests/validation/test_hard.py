@@ -10,8 +10,8 @@ from scipy.sparse import csr_matrix
 from slow import slow
 
 from skfem_stvk import InvertibleStVK, System
-from skfem_stvk.nonlinear import stability
-from skfem_stvk.statics import solve
+from skfem_stvk.solvers.newton import stability
+from skfem_stvk.solvers.statics import solve
 from validation import hard
 from validation.hard import crushed, deformed, judge, meshes, methods, scales, study, table, truths, unstable
 from validation.hard.case import Case

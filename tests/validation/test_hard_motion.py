@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from slow import slow
 
-from skfem_stvk.dynamics import ForwardEuler, Status, VelocityVerlet, simulate
+from skfem_stvk.solvers.dynamics import ForwardEuler, Status, VelocityVerlet, simulate
 from validation.hard import table
 from validation.hard.case import made
 from validation.hard.judge import Verdict, volume_ratios
@@ -60,7 +60,7 @@ def test_an_integrator_that_ignores_inversion_is_detected(monkeypatch, beginning
 
 
 def test_an_integrator_that_loses_energy_without_a_warning_is_detected(monkeypatch):
-    monkeypatch.setattr("skfem_stvk.dynamics.loop.REPORTED", np.inf)
+    monkeypatch.setattr("skfem_stvk.solvers.dynamics.loop.REPORTED", np.inf)
     scene = a_scene("crack a whip")
     assert methods.run(scene, "backward Euler").verdict is Verdict.WRONG
 
@@ -122,7 +122,7 @@ def test_no_method_reports_success_for_a_block_inverted_by_shaking():
 
 def test_a_reported_success_with_inverted_elements_is_detected(monkeypatch):
     monkeypatch.setattr(
-        "skfem_stvk.nonlinear.outcome.Status.success", property(lambda self: self in (Status.FINISHED, Status.ENDED_INVERTED))
+        "skfem_stvk.solvers.newton.outcome.Status.success", property(lambda self: self in (Status.FINISHED, Status.ENDED_INVERTED))
     )
     scene = replace(a_scene("stretch a bar"), methods=("forward Euler",))
     assert [failure for failure in study.failures(study.row_of(scene)) if "reported as success, but 1" in failure]

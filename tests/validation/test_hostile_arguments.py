@@ -107,7 +107,7 @@ WITHOUT = {
     ),
     # internal classes: `System` checks their arrays
     *("Assembly", "EdgeForm", "NodeBlocks", "Tensions"),
-    # files: the family "meshes" and tests/scene test them
+    # files: the family "meshes" and tests/scenes test them
     *("read_mesh", "Scene"),
     # a user's function and a few numbers: tests/referee/test_solvers_judged.py and test_integrators_judged.py test them
     *("verify_solver", "verify_integrator"),

@@ -70,7 +70,7 @@ def test_other_loads_on_the_net_are_detected(monkeypatch):
 
 
 def test_only_the_mean_of_the_force_conserves_energy(monkeypatch):
-    from skfem_stvk.dynamics import step_matrix
+    from skfem_stvk.solvers.dynamics import step_matrix
 
     monkeypatch.setattr(against_full, "QUICK_PERIODS", 2)
     (found,) = against_full.conserved_energy(True, None)

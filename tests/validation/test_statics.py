@@ -231,7 +231,7 @@ def test_a_large_body_is_solved_by_amg():
 
 
 def test_packages_that_are_not_installed_are_reported_and_not_measured(monkeypatch):
-    from skfem_stvk.peers import peer
+    from skfem_stvk.referee.peers import peer
     from validation.statics import linear_solvers
 
     monkeypatch.setattr(peer.Package, "version", lambda package: None)

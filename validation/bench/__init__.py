@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from functools import partial
 
-from skfem_stvk.cli.referee import print_and_save, refuse_unwritable
 from skfem_stvk.errors import StvkError
+from skfem_stvk.scenes.commands.referee import print_and_save, refuse_unwritable
 
 from . import page
 from .results import FULL, QUICK, Benchmark, Plan

@@ -42,7 +42,7 @@ table says otherwise. K is written into the CSR matrix that the solver takes (`t
 the same K. The C loop is a plain element loop of this project (`validation/bench/control.c`). It is compiled with `-O3
 -march=native -ffast-math` if there is a compiler. scikit-fem's forms are optimised: they use one quadrature point, and all constant
 parts are computed in advance. The textbook form is the edge form with `zeta = |p|^2 - |P|^2` from positions, in NumPy and sparse
-products. The peers are timed with the functions that their codes offer for the same law and element (`skfem_stvk/peers`).
+products. The peers are timed with the functions that their codes offer for the same law and element (`skfem_stvk/referee/peers`).
 
 The memory limit counts these bytes, each read or written once:
 

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
 from skfem_stvk.errors import StvkError
-from skfem_stvk.peers import PEERS
 from skfem_stvk.referee.case import OURS, REFERENCE
+from skfem_stvk.referee.peers import PEERS
 
 from .meshes import Specimen
 

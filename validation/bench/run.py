@@ -7,7 +7,7 @@ from functools import partial
 from time import perf_counter
 
 from skfem_stvk.about import PACKAGES, circumstances
-from skfem_stvk.peers import PEERS
+from skfem_stvk.referee.peers import PEERS
 from skfem_stvk.terminal import CountedProgress
 
 from .contenders import compare_errors, leave_out, time_contenders, time_models, time_peers, time_reference

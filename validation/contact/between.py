@@ -10,7 +10,7 @@ import skfem
 from skfem_stvk import LinearElastic, MeshContact, StVK, System, solve_static
 from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh
-from skfem_stvk.results.contact import contact_state
+from skfem_stvk.results.contact_forces import contact_state
 
 from ..statics.study import Study
 from .check import Check, study_of

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_stvk import System
-from skfem_stvk.dynamics import ForwardEuler
-from skfem_stvk.peers import PEERS
-from skfem_stvk.peers.mujoco import compiled, flex
-from skfem_stvk.peers.peer import require
+from skfem_stvk.referee.peers import PEERS
+from skfem_stvk.referee.peers.mujoco import compiled, flex
+from skfem_stvk.referee.peers.peer import require
+from skfem_stvk.solvers.dynamics import ForwardEuler
 
 from ..statics.study import Study
 from .scenes import Array

@@ -14,7 +14,7 @@ import numpy as np
 import skfem
 
 from skfem_stvk import ElementMesh, StVK, System, VolumePenalty
-from skfem_stvk.dynamics import Run, Status, VelocityVerlet, simulate
+from skfem_stvk.solvers.dynamics import Run, Status, VelocityVerlet, simulate
 
 from ..statics.study import Study
 from .scenes import Array, expected

@@ -17,7 +17,7 @@ from matplotlib.ticker import NullFormatter
 
 from skfem_stvk import Gravity, StVK, System
 from skfem_stvk.about import write_machine
-from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, GeneralizedAlpha, Integrator, simulate
+from skfem_stvk.solvers.dynamics import BackwardEuler, EnergyMomentum, GeneralizedAlpha, Integrator, simulate
 
 from ..slopes import draw_slope
 from ..statics.meshes import Array, strip

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from skfem_stvk import System, VolumePenalty
-from skfem_stvk.dynamics import LinearBackwardEuler, Run, Status, simulate
+from skfem_stvk.solvers.dynamics import LinearBackwardEuler, Run, Status, simulate
 
 from ..statics.study import Study
 from .scenes import expected

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from skfem_stvk import System
-from skfem_stvk.dynamics import LinearBackwardEuler
+from skfem_stvk.solvers.dynamics import LinearBackwardEuler
 
 from ..statics.study import Study
 from .scenes import begun

@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skfem_stvk import Gravity, System
-from skfem_stvk.dynamics import (
+from skfem_stvk.solvers.dynamics import (
     BackwardEuler,
     EnergyMomentum,
     ForwardEuler,
@@ -29,8 +29,8 @@ from skfem_stvk.dynamics import (
     critical_step,
     simulate,
 )
-from skfem_stvk.dynamics.integrators import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
-from skfem_stvk.dynamics.integrators.implicit import Implicit
+from skfem_stvk.solvers.dynamics.integrators import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
+from skfem_stvk.solvers.dynamics.integrators.implicit import Implicit
 
 from ..statics.study import Study
 from .scenes import COLOURS, MARKERS, SOFT, Array, block

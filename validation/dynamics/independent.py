@@ -19,8 +19,8 @@ from scipy.sparse.linalg import splu
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, Gravity, StVK, System
-from skfem_stvk.dynamics import EnergyMomentum, GeneralizedAlpha, Integrator, Newmark, VelocityVerlet, simulate
-from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.solvers.dynamics import EnergyMomentum, GeneralizedAlpha, Integrator, Newmark, VelocityVerlet, simulate
 
 from ..statics.meshes import moved_box
 from ..statics.study import Study

@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from skfem_stvk import solve_static
-from skfem_stvk.dynamics import LinearBackwardEuler, Run, VelocityVerlet, simulate
-from skfem_stvk.dynamics.critical_step import critical_step
-from skfem_stvk.dynamics.step_matrix import StepTangent
+from skfem_stvk.solvers.dynamics import LinearBackwardEuler, Run, VelocityVerlet, simulate
+from skfem_stvk.solvers.dynamics.critical_step import critical_step
+from skfem_stvk.solvers.dynamics.step_matrix import StepTangent
 
 from ..statics.study import Study
 from .scenes import TIP, Array, cantilever, expected

@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from skfem_stvk import System, solve_static
-from skfem_stvk.dynamics import EdgeDamping, ForwardEuler, Rayleigh, Status, VelocityVerlet, simulate
-from skfem_stvk.dynamics.critical_step import CriticalStep, critical_step
+from skfem_stvk.solvers.dynamics import EdgeDamping, ForwardEuler, Rayleigh, Status, VelocityVerlet, simulate
+from skfem_stvk.solvers.dynamics.critical_step import CriticalStep, critical_step
 
 from ..statics.study import Study
 from .scenes import Array, block, expected

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numba
 import numpy as np
 
-from skfem_stvk.dynamics import VelocityVerlet
+from skfem_stvk.solvers.dynamics import VelocityVerlet
 
 from ..statics.study import Study
 from .against_mujoco import against_mujoco

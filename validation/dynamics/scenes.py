@@ -12,10 +12,10 @@ import skfem
 
 from skfem_stvk import ElementMesh, Gravity, StVK, StvkWarning, System
 from skfem_stvk.arguments import Array
-from skfem_stvk.dynamics import Integrator, Run, SimulationError, Status, simulate
-from skfem_stvk.dynamics.integrators.implicit import Implicit, ImplicitStepper
-from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.record import MotionState
+from skfem_stvk.solvers.dynamics import Integrator, Run, SimulationError, Status, simulate
+from skfem_stvk.solvers.dynamics.integrators.implicit import Implicit, ImplicitStepper
+from skfem_stvk.solvers.dynamics.motion import Motion
+from skfem_stvk.solvers.dynamics.record import MotionState
 
 from ..statics.meshes import moved_box
 

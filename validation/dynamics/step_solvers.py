@@ -15,10 +15,10 @@ import numpy as np
 import skfem
 
 from skfem_stvk import Gravity, StVK, System
-from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum
-from skfem_stvk.dynamics.integrators.implicit import Implicit
 from skfem_stvk.linear import SsorCg
 from skfem_stvk.linear.pardiso import pardiso_is_installed
+from skfem_stvk.solvers.dynamics import BackwardEuler, EnergyMomentum
+from skfem_stvk.solvers.dynamics.integrators.implicit import Implicit
 
 from ..solvers import RTOL, problem, times_of
 from ..statics.study import Study

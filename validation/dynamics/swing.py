@@ -15,7 +15,7 @@ import numpy as np
 import skfem
 
 from skfem_stvk import ElementMesh, Gravity, StVK, System
-from skfem_stvk.dynamics import Integrator, LinearBackwardEuler, Run
+from skfem_stvk.solvers.dynamics import Integrator, LinearBackwardEuler, Run
 
 from .scenes import Array, reached
 

@@ -22,10 +22,10 @@ from scipy.sparse import csr_matrix, diags, kron
 from scipy.sparse.linalg import splu
 
 from skfem_stvk import System
-from skfem_stvk.dynamics import EnergyMomentum, simulate
-from skfem_stvk.dynamics.critical_step import critical_step
-from skfem_stvk.dynamics.forces import add_mean_force
 from skfem_stvk.edges import ALL, NONE, EdgeForm
+from skfem_stvk.solvers.dynamics import EnergyMomentum, simulate
+from skfem_stvk.solvers.dynamics.critical_step import critical_step
+from skfem_stvk.solvers.dynamics.forces import add_mean_force
 
 from ..statics.study import Study
 from .scenes import Array, cantilever

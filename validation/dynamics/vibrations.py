@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skfem_stvk import System
-from skfem_stvk.dynamics import (
+from skfem_stvk.solvers.dynamics import (
     BackwardEuler,
     EnergyMomentum,
     ForwardEuler,
@@ -29,8 +29,8 @@ from skfem_stvk.dynamics import (
     VelocityVerlet,
     simulate,
 )
-from skfem_stvk.dynamics.critical_step import critical_step
-from skfem_stvk.dynamics.modes import modes
+from skfem_stvk.solvers.dynamics.critical_step import critical_step
+from skfem_stvk.solvers.dynamics.modes import modes
 
 from ..statics.study import Study
 from .scenes import Array, block

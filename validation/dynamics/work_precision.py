@@ -19,7 +19,7 @@ from matplotlib.ticker import NullFormatter
 
 from skfem_stvk import Gravity, System, solve_static
 from skfem_stvk.about import write_machine
-from skfem_stvk.dynamics import (
+from skfem_stvk.solvers.dynamics import (
     BackwardEuler,
     EnergyMomentum,
     ForwardEuler,
@@ -30,9 +30,9 @@ from skfem_stvk.dynamics import (
     VelocityVerlet,
     simulate,
 )
-from skfem_stvk.dynamics.critical_step import critical_step
-from skfem_stvk.dynamics.modes import modes
-from skfem_stvk.dynamics.step_matrix import StepTangent
+from skfem_stvk.solvers.dynamics.critical_step import critical_step
+from skfem_stvk.solvers.dynamics.modes import modes
+from skfem_stvk.solvers.dynamics.step_matrix import StepTangent
 
 from ..slopes import draw_slope
 from ..statics.study import Study

@@ -10,7 +10,7 @@ from scipy.optimize import minimize_scalar
 
 from skfem_stvk import ElementMesh, Gravity, StVK, System, solve_static
 from skfem_stvk.arguments import Array
-from skfem_stvk.dynamics import EnergyMomentum, simulate
+from skfem_stvk.solvers.dynamics import EnergyMomentum, simulate
 
 from ..dynamics.csm3 import RTOL
 from ..dynamics.csm3 import YOUNG as YOUNG_IN_MOTION

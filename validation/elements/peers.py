@@ -13,10 +13,10 @@ from scipy.sparse import csr_matrix
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.arguments import Array
 from skfem_stvk.errors import StvkError
-from skfem_stvk.peers import load
-from skfem_stvk.peers.ngsolve import compiled, mesh_of
-from skfem_stvk.peers.peer import lame, require
-from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.referee.peers import load
+from skfem_stvk.referee.peers.ngsolve import compiled, mesh_of
+from skfem_stvk.referee.peers.peer import lame, require
+from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 
 from ..bench.costs import best_and_median
 from ..statics.study import Study

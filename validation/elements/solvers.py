@@ -11,9 +11,9 @@ import numpy as np
 import skfem
 
 from skfem_stvk import StVK, System, Traction, solve_static
-from skfem_stvk.dynamics import BackwardEuler, simulate
 from skfem_stvk.linear import AmgCg, Kind, LinearSolver, Pardiso, SuperLU, Unknowns
 from skfem_stvk.linear.pardiso import pardiso_is_installed
+from skfem_stvk.solvers.dynamics import BackwardEuler, simulate
 
 from ..solvers import RTOL, rigid_motions
 from ..statics.study import Study

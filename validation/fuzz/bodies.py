@@ -33,7 +33,7 @@ from skfem_stvk import (
     TransverselyIsotropic,
     VolumePenalty,
 )
-from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.referee.discretisation import Discretisation
 from skfem_stvk.referee.judgement import Limits
 from skfem_stvk.referee.shape import Shape

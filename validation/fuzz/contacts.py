@@ -13,7 +13,7 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.edges.pairs import with_blocks
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.loads.load import Moment
 
 RIGID = ("plane", "sphere", "inside a sphere", "cylinder", "inside a cylinder", "box", "rounded box")
 KINDS = (*RIGID, "plane", *("two bodies",) * 6, "itself")

@@ -13,7 +13,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from skfem_stvk import Scene, StVK, StvkError, System, read_mesh
-from skfem_stvk.scene.templates import EXAMPLES, example
+from skfem_stvk.scenes.templates import EXAMPLES, example
 
 from ..hostile.mesh_formats import FORMATS, written
 

@@ -27,8 +27,8 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.arguments import Array
-from skfem_stvk.dynamics.integrators.integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
 from skfem_stvk.errors import AnalysisError
+from skfem_stvk.solvers.dynamics.integrators.integrator import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
 
 from ..contact.hard import crosses
 from .bodies import Recipe, edge_length, made, recipes, states

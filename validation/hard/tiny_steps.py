@@ -12,7 +12,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 from skfem_stvk import StVK, System
-from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 
 from ..elements.families import of_scikit_fem
 from ..statics.with_scikit_fem import I3, internal_force, stress_and_moduli

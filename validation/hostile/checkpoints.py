@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 
 from skfem_stvk.arguments import Array
-from skfem_stvk.dynamics import SimulationError
 from skfem_stvk.results.store import write_archive
-from skfem_stvk.statics import SolveError
+from skfem_stvk.solvers.dynamics import SimulationError
+from skfem_stvk.solvers.statics import SolveError
 
 from .case import Case, Verdict, Wrong, is_readable
 from .runs_on_disk import KINDS, beam, check_same, strip

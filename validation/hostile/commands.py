@@ -24,7 +24,7 @@ from skfem_stvk.errors import StvkError
 from .case import Case, Verdict, Wrong
 from .checkpoints import NOT_OURS
 
-COMMAND = (sys.executable, "-m", "skfem_stvk.cli")
+COMMAND = (sys.executable, "-m", "skfem_stvk.scenes.commands")
 VERIFY = ("verify", "body.msh", "--young", "1e5", "--poisson", "0.3")
 #: Program with one kernel, and the energy that it must print.
 PROGRAM = """
@@ -68,7 +68,7 @@ def cases() -> Iterator[Case]:
     for name, options in STREAMS.items():
         yield command(f"verify with {name}", VERIFY, EITHER, options=options, readable=False)
     for flag in ("-OO", "-Werror", "-I", "-bb", "-Xdev", "-Xutf8=0"):
-        yield command(f"python {flag}", VERIFY, WORKS, start=(sys.executable, flag, "-m", "skfem_stvk.cli"))
+        yield command(f"python {flag}", VERIFY, WORKS, start=(sys.executable, flag, "-m", "skfem_stvk.scenes.commands"))
     for name, change in OUTPUTS.items():
         yield Case(f"--out {name}", partial(written, change), partial(right, worked="PASSED"), seconds=120, gigabytes=4)
     for damage in DAMAGES:
@@ -427,7 +427,7 @@ def damaged(damage: str, folder: Path) -> Finished:
 def interrupted(seed: int, folder: Path) -> Finished:
     """Press Ctrl-C at a random time after the start of the command, during imports or later."""
     body(folder)
-    begin = "import sys; from skfem_stvk.cli.__main__ import main; print('begun', flush=True); sys.exit(main())"
+    begin = "import sys; from skfem_stvk.scenes.commands.__main__ import main; print('begun', flush=True); sys.exit(main())"
     with subprocess.Popen(
         [sys.executable, "-c", begin, *VERIFY, "--out", "report"],
         stdout=subprocess.PIPE,

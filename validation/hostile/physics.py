@@ -11,8 +11,8 @@ import numpy as np
 
 from skfem_stvk import EnergyMomentum, NodalLoad, System, VelocityVerlet, simulate, solve_static
 from skfem_stvk.arguments import Array
-from skfem_stvk.dynamics import Run, SimulationError
-from skfem_stvk.statics import SolveError, StaticResult
+from skfem_stvk.solvers.dynamics import Run, SimulationError
+from skfem_stvk.solvers.statics import SolveError, StaticResult
 
 from .case import Case, Verdict, Wrong, is_readable
 from .extended_stvk import ExtendedStVK, long

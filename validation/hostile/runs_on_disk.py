@@ -27,8 +27,9 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.dynamics import EdgeDamping, checkpoint
 from skfem_stvk.results.series import read_list
+from skfem_stvk.solvers.dynamics import EdgeDamping
+from skfem_stvk.solvers.dynamics import motion_checkpoint as checkpoint
 
 from .case import Verdict, Wrong
 

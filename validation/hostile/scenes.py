@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
-from skfem_stvk.scene import templates
+from skfem_stvk.scenes import templates
 
 from .case import Case
 from .checkpoints import NOT_OURS

@@ -12,7 +12,7 @@ from unittest.mock import patch
 import numpy as np
 
 from skfem_stvk import ElementMesh, Gravity, StVK, System, Traction
-from skfem_stvk.elements import ELEMENTS
+from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.results import Fields, State
 
 from .call import Call
@@ -110,7 +110,7 @@ def drawn(function: Callable[..., Any]) -> Callable[..., Any]:
 
         with (
             patch("skfem_stvk.referee.plots.page", lambda report: "page"),
-            patch("skfem_stvk.dynamics.ledger._draw", lambda ledger, path: path),
+            patch("skfem_stvk.solvers.dynamics.ledger._draw", lambda ledger, path: path),
             patch("skfem_stvk.results.matplotlib_plot.draw", lambda picture, path: picture),
             patch("skfem_stvk.results.matplotlib_plot.write_film", film),
         ):

@@ -46,8 +46,8 @@ from skfem_stvk import (
     mesh_quality,
     read_mesh,
 )
-from skfem_stvk.elements import ELEMENTS
 from skfem_stvk.mesh import bar, box, cylinder
+from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.mesh.locations import vertices_at
 
 from .call import Call

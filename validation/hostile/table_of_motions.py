@@ -29,7 +29,7 @@ from skfem_stvk import (
     modes,
     simulate,
 )
-from skfem_stvk.dynamics import LargestFrequency, Ledger, Modes
+from skfem_stvk.solvers.dynamics import LargestFrequency, Ledger, Modes
 
 from .call import Call
 from .small_bodies import FLAG, NOT_NEGATIVE, NUMBER, OPTIONAL, PLACE, POSITIVE, TEXT, call, displacements, drawn, mesh, system

@@ -20,7 +20,7 @@ from skfem_stvk import (
     verify_law,
     verify_results,
 )
-from skfem_stvk.peers import load
+from skfem_stvk.referee.peers import load
 from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_mesh, write_vtu
 from skfem_stvk.results.array_files import write_text
 from skfem_stvk.results.state_files import read_state

@@ -9,7 +9,7 @@ import numpy as np
 from skfem_stvk import ElementMesh, ReducedSystem, StVK, System, Traction
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.system import Supports
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.loads.load import Moment
 
 from .call import Call
 from .small_bodies import COMPLEX, NUMBER, OPTIONAL, call, costly, displacements, mesh, system

@@ -12,7 +12,7 @@ import skfem
 from skfem_stvk import ElementMesh, StvkError, StvkWarning, System, VolumePenalty, solve_static
 from skfem_stvk.arguments import Array
 from skfem_stvk.errors import AnalysisError
-from skfem_stvk.statics import StaticResult
+from skfem_stvk.solvers.statics import StaticResult
 
 from .models import MODELS, TRUE, Model, system_of
 

@@ -20,7 +20,7 @@ import numpy as np
 import skfem
 
 from skfem_stvk import ElementMesh, StVK, System
-from skfem_stvk.kernels import elements
+from skfem_stvk.kernels import element_assembly as elements
 from skfem_stvk.kernels.lanes import LANES
 
 from .counting import Tally, counted, plain

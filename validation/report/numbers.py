@@ -31,11 +31,11 @@ from skfem_stvk import (
     verify_results,
     verify_solver,
 )  # fmt: skip
-from skfem_stvk.cli.referee import EMBEDDED
-from skfem_stvk.dynamics.integrators import INTEGRATORS
 from skfem_stvk.referee.against import peer_candidate
 from skfem_stvk.referee.self_test import self_test
 from skfem_stvk.referee.vectors import PUBLISHED
+from skfem_stvk.scenes.commands.referee import EMBEDDED
+from skfem_stvk.solvers.dynamics.integrators import INTEGRATORS
 
 from .. import textbook_laws
 from ..statics import manufactured, turek_hron

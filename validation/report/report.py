@@ -20,7 +20,7 @@ from rich.markup import escape
 
 from skfem_stvk.about import PACKAGES, circumstances
 from skfem_stvk.errors import StvkError
-from skfem_stvk.results.files import replacing
+from skfem_stvk.results.complete_files import replacing
 from skfem_stvk.terminal import WIDTH, grid
 
 from .catalogue import PARTS, Kind

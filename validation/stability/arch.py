@@ -21,7 +21,7 @@ import numpy as np
 import skfem
 
 from skfem_stvk import BodyForce, ElementMesh, StVK, System
-from skfem_stvk.statics import StaticResult, Stop
+from skfem_stvk.solvers.statics import StaticResult, Stop
 
 from ..statics.meshes import Array, strip
 from ..statics.orders import extrapolated

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from skfem_stvk import ElementMesh, StVK, System, Traction
-from skfem_stvk.statics import CriticalPoint, Stop
+from skfem_stvk.solvers.statics import CriticalPoint, Stop
 
 from ..statics.meshes import strip
 from ..statics.orders import extrapolated

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skfem_stvk import ElementMesh, NodalLoad, StVK, System
-from skfem_stvk.statics import CriticalPoint, Stop
+from skfem_stvk.solvers.statics import CriticalPoint, Stop
 
 from ..statics.study import Study
 from .limit_points import first, through

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skfem_stvk import StvkWarning, System, solve_static
-from skfem_stvk.statics import CriticalPoint, StaticResult, Stop
+from skfem_stvk.solvers.statics import CriticalPoint, StaticResult, Stop
 
 from ..statics.orders import extrapolated, fitted_order
 from .not_found import NotFoundError

@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ellipe, ellipk
 
 from skfem_stvk import ElementMesh
-from skfem_stvk.statics import StaticResult, Stop
+from skfem_stvk.solvers.statics import StaticResult, Stop
 
 from ..statics.meshes import Array
 from ..statics.orders import extrapolated

@@ -15,7 +15,7 @@ import numpy as np
 
 from skfem_stvk import ElementMesh, NodalLoad, StVK, System
 from skfem_stvk.arguments import Array
-from skfem_stvk.statics import StaticResult, Stop
+from skfem_stvk.solvers.statics import StaticResult, Stop
 
 from .limit_points import through
 from .picture import Curve, DrawnStudy, Panel

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from skfem_stvk import System, Traction, solve_static
-from skfem_stvk.statics import StaticResult
+from skfem_stvk.solvers.statics import StaticResult
 
 from .closed_states import STATES, Array, ClosedForm
 from .kinds import KINDS, Kind

@@ -10,7 +10,7 @@ import numpy as np
 
 from skfem_stvk.linear import AmgCg, Pardiso
 from skfem_stvk.linear.pardiso import pardiso_is_installed
-from skfem_stvk.peers import PEERS
+from skfem_stvk.referee.peers import PEERS
 
 from . import with_edges, with_felupe, with_scikit_fem
 from .cantilever import Array, Run, cantilever

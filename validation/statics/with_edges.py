@@ -5,7 +5,7 @@ from __future__ import annotations
 import skfem
 
 from skfem_stvk import StVK, System, Traction, solve_static
-from skfem_stvk.statics import StaticResult
+from skfem_stvk.solvers.statics import StaticResult
 
 from .cantilever import POISSON, RTOL, TRACTION, YOUNG, Run, end_centre, timed
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import skfem
 
-from skfem_stvk.peers.felupe import FElupe
-from skfem_stvk.peers.peer import require
+from skfem_stvk.referee.peers.felupe import FElupe
+from skfem_stvk.referee.peers.peer import require
 
 from .cantilever import POISSON, RTOL, TENTHS, TRACTION, YOUNG, Array, Run, end_centre, timed
 from .with_scikit_fem import LinearSolver

@@ -12,7 +12,7 @@ from pathlib import Path
 import meshio
 
 from . import abaqus, binary, gmsh, texts, vtk, xml_files
-from .source import Counts, Damaged, Source
+from .stream import Counts, Damaged, Source
 
 #: Readers of this package, by the ending of a file.
 READERS: dict[str, Callable[[Path], meshio.Mesh]] = {".inp": abaqus.read, ".vtk": vtk.read, ".vtu": xml_files.read}

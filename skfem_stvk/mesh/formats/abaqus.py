@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...errors import name_ids
 from ..groups import node_count
-from .source import Damaged, Source, check_known, check_last_line, check_unique
+from .stream import Damaged, Source, check_known, check_last_line, check_unique
 
 Ids = NDArray[np.int64]
 #: Keyword, options and data lines in words.

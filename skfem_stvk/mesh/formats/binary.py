@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .source import Counts, Damaged, Source, check_last_line
+from .stream import Counts, Damaged, Source, check_last_line
 from .texts import TEXTS, counted, heads
 
 #: Numbers per entry of Medit's sections of cells, by their keywords.

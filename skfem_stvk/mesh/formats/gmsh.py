@@ -10,7 +10,7 @@ from meshio.gmsh import gmsh_to_meshio_type
 from numpy.typing import NDArray
 
 from ..groups import node_count
-from .source import LONGEST, Damaged, Source, check_known, check_unique, count_of
+from .stream import LONGEST, Damaged, Source, check_known, check_unique, count_of
 
 Ids = NDArray[np.int64]
 #: meshio makes arrays as long as the largest tag of a node. Tags larger than this and the size of the file are refused.

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .source import Counts, Damaged, Source, check_last_line
+from .stream import Counts, Damaged, Source, check_last_line
 
 #: Groups of all heads of a file so far.
 Known = dict[str, str]

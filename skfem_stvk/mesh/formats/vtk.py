@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...arguments import Array
 from ...errors import name_ids
 from ..groups import node_count
-from .source import Damaged, Source, check_last_line, count_of
+from .stream import Damaged, Source, check_last_line, count_of
 
 #: Types of cells in meshio's words, by VTK's numbers.
 VTK = {1: "vertex", 3: "line", 5: "triangle", 7: "polygon", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}

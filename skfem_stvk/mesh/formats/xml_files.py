@@ -22,7 +22,7 @@ import numpy as np
 from ...arguments import Array
 from ...errors import name_ids
 from ..groups import NODE_SET
-from .source import Counts, Damaged, Source, count_of, regular
+from .stream import Counts, Damaged, Source, count_of, regular
 from .vtk import mesh_of
 
 TYPES = {f"{name}{8 * size}": f"{kind}{size}" for name, kind in (("Int", "i"), ("UInt", "u")) for size in (1, 2, 4, 8)}

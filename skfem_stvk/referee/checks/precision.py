@@ -20,14 +20,14 @@ from scipy.sparse import csr_matrix
 from ...arguments import Array
 from ...edges import EdgeForm
 from ...mesh import ElementMesh
-from ...reference import curved_elements
-from ...reference.kinds import middles
 from ..bodies import Homogeneous, reference_on
 from ..case import EPS, OURS, REFERENCE, STRETCH, Case, built, random_rotation
 from ..discretisation import Discretisation, derivatives
 from ..exact import ExactStVK
 from ..implementations import METHODS, ContractViolation
 from ..judgement import HIGHEST, LIMIT_BY_ASPECT
+from ..reference import curved_elements
+from ..reference.kinds import middles
 from ..results import NotApplicable, Task
 from ..shape import Shape
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from skfem_stvk.dynamics import Rayleigh
+from skfem_stvk.solvers.dynamics import Rayleigh
 
 from .. import starts, truths
 from ..case import Body, made

@@ -10,10 +10,10 @@ from time import perf_counter
 from typing import Any, NamedTuple
 
 from skfem_stvk import Gravity, StVK, System
-from skfem_stvk.dynamics import EnergyMomentum, ForwardEuler, Integrator, LinearBackwardEuler, simulate
-from skfem_stvk.dynamics.integrators.integrator import Stepper
-from skfem_stvk.dynamics.motion import Motion
-from skfem_stvk.dynamics.record import MotionState
+from skfem_stvk.solvers.dynamics import EnergyMomentum, ForwardEuler, Integrator, LinearBackwardEuler, simulate
+from skfem_stvk.solvers.dynamics.integrators.integrator import Stepper
+from skfem_stvk.solvers.dynamics.motion import Motion
+from skfem_stvk.solvers.dynamics.record import MotionState
 
 from .. import meshes
 

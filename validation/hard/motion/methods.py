@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skfem_stvk.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, Integrator, LinearBackwardEuler, simulate
+from skfem_stvk.solvers.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, Integrator, LinearBackwardEuler, simulate
 
 from ..case import Array
 from ..judge import Verdict

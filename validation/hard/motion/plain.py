@@ -9,7 +9,7 @@ from scipy.sparse import diags
 from scipy.sparse.linalg import MatrixRankWarning, spsolve
 
 from skfem_stvk import StateError
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.terms.loads.load import Moment
 
 from ..case import Array
 from .scene import Scene

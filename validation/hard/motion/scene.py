@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from skfem_stvk import System
-from skfem_stvk.dynamics import Rayleigh
+from skfem_stvk.solvers.dynamics import Rayleigh
 
 from ..case import Array, Case, Truth
 

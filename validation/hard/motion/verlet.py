@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from skfem_stvk import System
-from skfem_stvk.reference import ReferenceStVK, isotropic_tensor
-from skfem_stvk.terms.load import Moment
+from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
+from skfem_stvk.terms.loads.load import Moment
 
 from ..case import Array, Body, made
 from ..judge import volume_ratios

@@ -1,0 +1,195 @@
+"""Files that are complete or absent: written under a temporary name, flushed to the disk, and renamed."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any, TypeVar, cast
+
+from .. import arguments
+from ..errors import StvkError
+from ..space import Space
+
+Result = TypeVar("Result")
+
+
+class WriteError(StvkError, OSError):
+    """Error for a file that could not be written, for example because the disk is full. An earlier file still exists."""
+
+
+class ForeignFile(StvkError):
+    """Error for a file that is not of the expected format."""
+
+
+def output_path(path: str | os.PathLike[str], *suffixes: str) -> Path:
+    """Return the path if it is writable and has one of the suffixes; call this before expensive work.
+
+    >>> output_path("missing/bracket.vtu", ".vtu")
+    Traceback (most recent call last):
+    skfem_stvk.errors.StvkError: The folder missing of bracket.vtu does not exist. Create it first, or correct the path.
+    """
+    path = arguments.path("path", path, f"the path of a file that ends in {' or '.join(suffixes)}")
+    if path.suffix.lower() not in suffixes:
+        named = path.with_suffix(suffixes[0]).name if path.name else f"result{suffixes[0]}"
+        raise StvkError(
+            f"path = {arguments.shown(str(path))}; expected a path that ends in {' or '.join(suffixes)}, such as {named}."
+        )
+    if not path.name.isprintable():
+        raise StvkError(
+            f"{ascii(path.name)[:200]} contains characters that cannot be printed or stored in lists of files. Rename it."
+        )
+    if not path.parent.is_dir():
+        raise StvkError(f"The folder {path.parent} of {path.name} does not exist. Create it first, or correct the path.")
+    if path.exists() and not path.is_file():
+        raise StvkError(f"{path} is {'a folder' if path.is_dir() else 'not a regular file'}; expected the path of a file.")
+    try:
+        try_to_write(path.parent, f".{path.name}.part")
+    except OSError as error:
+        raise StvkError(f"{path} cannot be written: {error.strerror}. Choose another folder, or change its permissions.") from error
+    return path
+
+
+def content_of(path: Path, largest: int) -> bytes:
+    """Return the content of a regular file of at most `largest` bytes; raise an OSError for a larger one, a pipe or a device."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "it is not a regular file")
+    with path.open("rb") as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > largest:
+            raise OSError(errno.EFBIG, f"it has more than {largest} bytes")
+        return file.read(size)  # a read of `largest` bytes would allocate as many
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yield a temporary path next to `path`; it is renamed to `path` at the end, or removed on an error.
+
+    A reader of `path` finds the old file or the new one, never a part of it, even if the program is killed. A killed program leaves
+    `.NAME.part`, which the next writer removes. If the file cannot be written, a WriteError states the remedy. If `path` or
+    `.NAME.part` is a symbolic link, its target is not changed.
+    """
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.unlink(missing_ok=True)
+        yield part
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        os.replace(part, path)
+    except BaseException as error:
+        with suppress(OSError):
+            part.unlink()
+        if isinstance(error, OSError) and not isinstance(error, StvkError):
+            raise cannot_write(path, error) from error
+        raise
+    _sync_folder(path.parent)
+
+
+def cannot_write(path: Path, error: OSError) -> WriteError:
+    """Return the error for a file that could not be written, with the system's error number."""
+    if isinstance(error, WriteError) and isinstance(error.__cause__, OSError):
+        error = error.__cause__
+    why = error.strerror or str(error) or type(error).__name__
+    failure = WriteError(
+        f"{path} could not be written: {why}. Its previous content is unchanged. Free disk space, or choose another folder."
+    )
+    failure.errno = error.errno
+    return failure
+
+
+def try_to_write(folder: Path, name: str = "") -> None:
+    """Raise the OSError that writing a file of this name to the folder would raise.
+
+    The test file has no name, so that nothing is left if the program is killed.
+    """
+    with suppress(FileNotFoundError):
+        (folder / name).lstat()  # a name may be too long
+    with TemporaryFile(dir=folder):
+        pass
+
+
+@contextmanager
+def in_all_parts(space: Space) -> Iterator[None]:
+    """Raise the error of the first part of a divided body whose block raises one, in all parts.
+
+    The block is for one part: it does not combine results.
+    """
+    raised: Exception | None = None
+    try:
+        yield
+    except Exception as error:
+        raised = error
+    errors = space.each(None if raised is None else (isinstance(raised, OSError), str(raised)))
+    first = next((rank for rank, error in enumerate(errors) if error is not None), None)
+    if first == space.rank and raised is not None:
+        raise raised
+    if first is not None:
+        disk, text = cast(tuple[bool, str], errors[first])
+        raise (WriteError if disk else StvkError)(text) from raised
+
+
+def of_leader(space: Space, work: Callable[[], Result]) -> Result:
+    """Return `work()` of the leading part of a divided body, in all parts, or raise its error in all of them.
+
+    The leading part is the only one that writes files which all parts share, and the one to read them while they change.
+    """
+    found: Result | None = None
+    with in_all_parts(space):
+        if space.leads:
+            found = work()
+    return cast(Result, space.each(found)[0])
+
+
+def _sync_folder(folder: Path) -> None:
+    """Flush the new name to the disk too, where the system can do this for folders (not on Windows)."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def output_folder(path: Path) -> Path:
+    """Return the path as a writable folder, which is made if it is missing; call this before expensive work."""
+    try:
+        path.mkdir(exist_ok=True)
+        try_to_write(path)
+    except OSError as error:
+        raise StvkError(
+            f"The checkpoint {path} cannot be written: {error.strerror}. Its parent must be an existing folder."
+        ) from error
+    return path
+
+
+@dataclass(frozen=True)
+class OutputFiles:
+    """Options of `solve_static` and `simulate` for their files."""
+
+    save: Path | None = None  # the .pvd file of a series of states
+    checkpoint: Path | None = None  # its folder
+    resume: bool = False  # whether to continue from the checkpoint
+    overwrite: bool = False  # whether to replace files of another problem
+    fields: Any = None  # names of further fields of its states, None for the usual ones
+    every: int | None = None  # steps from one state of the series to the next, None for the usual number
+
+    @classmethod
+    def checked(cls, *, save: Any, fields: Any, checkpoint: Any, resume: Any, overwrite: Any, every: Any = None) -> OutputFiles:
+        """Return the options of these keywords: paths that can be written, and a checkpoint if it is to be resumed."""
+        if every is not None:
+            every = arguments.whole("every", every, "a whole number of steps, at least 1", least=1)
+        if save is not None:
+            save = output_path(arguments.path("save", save, "the path of a file such as 'flag.pvd'"), ".pvd")
+        if checkpoint is not None:
+            checkpoint = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'flag'")
+        if arguments.flag("resume", resume) and checkpoint is None:
+            raise StvkError("resume = True; expected a checkpoint to resume: pass checkpoint='FOLDER'.")
+        return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite), fields, every)
+
+
+#: Options of a motion without files.
+NO_FILES = OutputFiles()

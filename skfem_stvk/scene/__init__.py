@@ -1,7 +1,0 @@
-"""Scenes: a whole job in one TOML file, from the mesh to output files and expected results."""
-
-from .outcome import SceneOutcome
-from .scene import Scene
-from .sweep import SweepRow, sweep
-
-__all__ = ["Scene", "SceneOutcome", "SweepRow", "sweep"]

@@ -1,0 +1,1 @@
+"""Solvers of equilibrium and of motion: Newton's method, runs, statics, dynamics and reduced bodies."""

@@ -1,0 +1,199 @@
+"""Output files of a running simulation: a series of states with the ledger next to it, and a checkpoint."""
+
+from __future__ import annotations
+
+import os
+import time
+from contextlib import ExitStack, suppress
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ...errors import StvkError, warn
+from ...results import Fields, Series
+from ...results.complete_files import of_leader
+from ...results.contact_forces import contact_states
+from ...system.signature import Fingerprint
+from .ledger import LedgerFile
+from .options import Options, Setup
+from .record import RunRecord
+
+if TYPE_CHECKING:
+    from .motion_checkpoint import MotionCheckpoint, MotionHeader
+
+#: Default number of steps from one saved state to the next.
+EVERY = 10
+#: Number of steps that no run reaches.
+NEVER = 1 << 62
+
+
+class Outputs:
+    """Files of a run: the states, the ledger and the checkpoint, as far as they were requested.
+
+    If a step saves a state, its checkpoint is written after this state, never before. Hence the series contains all states before
+    the checkpoint, whatever interrupts the run. The record of the run is only read. Its stopwatch counts the time of these methods
+    as "write".
+    """
+
+    def __init__(
+        self,
+        setup: Setup,
+        record: RunRecord,
+        series: Series | None = None,
+        every: int = EVERY,
+        checkpoint: MotionCheckpoint | None = None,
+    ) -> None:
+        self._setup, self._record = setup, record
+        self._series, self._every, self._checkpoint = series, every, checkpoint
+        self.written = -1  # steps at the last checkpoint; negative if there is none yet
+        if series is not None:
+            self._fields = Fields.of(setup.motion.system)
+            table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
+            self._write_table = partial(of_leader, series.space, table.write)
+
+    @classmethod
+    def opened(cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack) -> Outputs:
+        """Open the files of a run that begins. Refuse files of another problem."""
+        series, save, overwrite = None, options.output_files.save, options.output_files.overwrite
+        if save is not None or options.checkpoint is not None:
+            problem = setup.problem(record.state.t, options.start(setup.motion.system))
+            if setup.rule is not None:
+                assert problem.signature  # computed now, before elements are removed
+        if options.checkpoint is not None:
+            options.checkpoint.belongs_to(problem, overwrite)
+        if save is not None:
+            space = setup.motion.system.space
+            series = stack.enter_context(
+                Series(save, options.output_files.fields, problem=problem, overwrite=overwrite, space=space)
+            )
+        return cls(setup, record, series, options.output_files.every or EVERY, options.checkpoint)
+
+    @classmethod
+    def resumed(
+        cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: MotionHeader
+    ) -> Outputs:
+        """Open the files of a run that continues. The series is at the user-supplied path, or next to the checkpoint."""
+        checkpoint, every, t = options.checkpoint, options.output_files.every or then.every, record.state.t
+        assert checkpoint is not None
+        checkpoint.belongs_to(problem, overwrite=options.output_files.overwrite or checkpoint.source != checkpoint.file)
+        s = setup.motion.system.units.of("s")
+        save = options.output_files.save or _series_next_to(then, checkpoint.folder, s)
+        if save is None:
+            return cls(setup, record, None, every, checkpoint)
+        if then.save is not None and not save.exists():
+            warn(
+                f"{save} does not exist, so it begins at t = {t:g} {s}. Earlier states are in the series of the run that is "
+                f"resumed, {then.save!r}."
+            )
+        last = float(record.ledger["time"][record.steps - record.steps % every])
+        space = setup.motion.system.space
+        series = stack.enter_context(
+            Series(save, options.output_files.fields, resume=True, until=last, problem=problem, space=space)
+        )
+        if series.steps and series.steps[-1][0] < last < t and every == then.every:
+            warn(
+                f"{series.path} ends at t = {series.steps[-1][0]:g} {s}: its state at {last:g} {s} is missing and cannot be "
+                "restored."
+            )
+        return cls(setup, record, series, every, checkpoint)
+
+    @property
+    def path(self) -> Path | None:
+        """Path of the series; None without one."""
+        return None if self._series is None else self._series.path
+
+    @property
+    def saved_every(self) -> int:
+        """Number of steps from one saved state to the next; larger than any run if no states are saved."""
+        return NEVER if self._series is None else self._every
+
+    def save_state(self) -> None:
+        """Save the state unless it is already saved, and update the ledger's table."""
+        series, state = self._series, self._record.state
+        if series is None:
+            return
+        with self._record.watch("write"):
+            self._fields.leave_out(self._setup.motion.system.removed)
+            if not series.steps or series.steps[-1][0] < state.t:
+                motion = self._setup.motion
+                u, v = (motion.states.expand(x) for x in (state.u, state.v))
+                contacts = contact_states(motion.system, u, motion.moment(state.t), state.forces)
+                series.add(self._fields.at(u, v, contacts), state.t)
+            self._write_table()
+
+    def save_if_due(self) -> None:
+        """Save the state if it is due at this step.
+
+        This includes the first state of a run, and the state from which a run continues if it was not saved.
+        """
+        if self._record.steps % self._every == 0:
+            self.save_state()
+
+    def step(self) -> None:
+        """Save the state after a whole step if it is due, and write a checkpoint if it is due."""
+        self.save_if_due()
+        space = self._setup.motion.system.space
+        if self._checkpoint is not None and space.any(space.leads and self._checkpoint.due(time.perf_counter())):
+            self.checkpoint()
+
+    def checkpoint(self) -> None:
+        """Write the checkpoint now, after saving the state if that is due."""
+        if self._checkpoint is None:
+            return
+        from .motion_checkpoint import packed  # imports pydantic, only if a checkpoint is written
+
+        self.save_if_due()
+        record, setup, seconds = self._record, self._setup, self._record.watch.parts()
+        with self._record.watch("write"):
+            about, arrays = packed(record, setup.locations, setup.integrator.dt is None, setup.motion.system.mesh)
+            about |= {"counts": vars(record.counts), "seconds": seconds, "every": self._every}
+            about["save"] = None if self._series is None else str(self._series.path)
+            self._checkpoint.write(about, arrays, record.ledger)
+        self.written = record.steps
+
+    def discard_later_states(self) -> None:
+        """Remove the saved states and rows after the present state, which is an earlier one again."""
+        if self._series is not None:
+            with self._record.watch("write"):
+                self._series.cut(self._record.state.t)
+                self._write_table()
+        self.save_if_due()
+        self.checkpoint()
+
+    def close(self) -> None:
+        """Write the last state and the checkpoint.
+
+        If the last step was shorter than `dt`, the checkpoint before it remains, so that a later run continues from there.
+        """
+        self.save_state()
+        if self._record.after_whole_step:
+            self.checkpoint()
+
+    def resume_advice(self, error: BaseException) -> str:
+        """Write a checkpoint after an error, and return a message about how to continue from it.
+
+        No checkpoint is written if a later one exists or the disk is full.
+        """
+        if self._checkpoint is None:
+            return ""
+        record, full = self._record, isinstance(error, OSError)  # after a full disk, a state may be missing from the series
+        if record.after_whole_step and record.steps > self.written and not full:
+            with suppress(Exception):
+                self.checkpoint()
+        if self.written < 0:
+            return ""
+        there = "there" if self.written == record.steps else "the last checkpoint"
+        return f" To continue from {there}: checkpoint={str(self._checkpoint.folder)!r}, resume=True."
+
+
+def _series_next_to(then: MotionHeader, folder: Path, unit: str) -> Path | None:
+    """Return the path of a run's series: its file name, in the folder that contains the checkpoint."""
+    if then.save is None:
+        return None
+    save = Path(os.path.abspath(folder)).parent / Path(then.save).name
+    if not save.is_file() or save.suffix.lower() != ".pvd":
+        raise StvkError(
+            f"The run of the checkpoint {folder} saved the series {then.save!r}, but there is no {save.name} in {save.parent}. "
+            f"Move the series there, or name its path, or that of a new series from t = {then.now.t:g} {unit} on: save=..."
+        )
+    return save

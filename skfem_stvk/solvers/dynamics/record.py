@@ -1,0 +1,243 @@
+"""Record of a run: its present state, clock, counts and ledger. Only the loop writes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from math import ceil, isfinite, nan, ulp
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arguments import Array
+from ..newton.stopwatch import Stopwatch
+from .ledger import Ledger
+
+#: Tolerance for the end of the run, as a part of a step.
+SLACK = 1e-6
+#: Largest change of a step's length by rounding of the time, as a part of the step.
+ROUNDED = 1e-6
+#: Change of the safe bound between two reviews that is aimed at; first, smallest and largest number of steps between two reviews.
+MOVES, FIRST, FEWEST, MOST = 0.01, 10, 5, 200
+#: Largest number of times that computed steps are halved.
+HALVINGS = 4
+
+
+@dataclass
+class MotionState:
+    """State of a motion at one time, with vectors (ndofs,). Integrators change them in place after a successful step."""
+
+    t: float  # time [s]
+    u: Array  # displacements [m]
+    v: Array  # velocities [m/s]
+    a: Array  # accelerations [m/s^2] if the integrator stores them, otherwise zero
+    #: Mean forces of the supports over the last step [N].
+    reaction: Array
+    #: (n, ndofs) forces of each contact, and in a last row of all foundations, on the body in the last step [N].
+    forces: Array
+
+    @classmethod
+    def at(cls, t: float, u: Array, v: Array, rows: int = 0) -> MotionState:
+        """Return a state with copies of `u` and `v`, zero accelerations and reactions, and `rows` of zero forces."""
+        return cls(t, u.copy(), v.copy(), np.zeros_like(u), np.zeros_like(u), np.zeros((rows, len(u))))
+
+    def copy(self) -> MotionState:
+        """Return an independent copy."""
+        return MotionState(self.t, *(array.copy() for array in (self.u, self.v, self.a, self.reaction, self.forces)))
+
+    def copy_from(self, other: MotionState) -> None:
+        """Copy another state into the arrays of this one."""
+        self.t = other.t
+        for name in ("u", "v", "a", "reaction", "forces"):
+            np.copyto(getattr(self, name), getattr(other, name))
+
+
+@dataclass
+class Clock:
+    """Counter of steps of equal length. Times are computed from the count, not summed, so that they do not drift.
+
+    >>> clock = Clock(0.0, 0.1)
+    >>> for _ in range(3):
+    ...     clock.tick()
+    >>> clock.t == 3 * 0.1, clock.steps_left(until=1.0), clock.steps_left(until=0.95)
+    (True, 7, 7)
+    """
+
+    start: float  # time at which steps of the length `dt` began [s]
+    dt: float  # 0 before it is computed [s]
+    count: int = 0  # number of steps since `start`
+
+    @property
+    def t(self) -> float:
+        """Time at the end of the steps so far [s]."""
+        return self.start + self.count * self.dt
+
+    def tick(self) -> None:
+        """Advance the clock by one step."""
+        self.count += 1
+
+    def steps_left(self, until: float) -> int:
+        """Return the number of steps left until that time. The last one may be shorter."""
+        return max(0, ceil((until - self.t) / self.dt - SLACK))
+
+    def next(self, until: float) -> tuple[float, bool]:
+        """Return the end of the next step [s], and whether it is a whole step."""
+        t = self.start + (self.count + 1) * self.dt
+        return (t, True) if t <= until + SLACK * self.dt else (until, False)
+
+    def resolves(self, dt: float) -> bool:
+        """Return whether rounded times resolve steps of length `dt` with a relative error of at most `ROUNDED`."""
+        return ulp(self.t) <= ROUNDED * dt
+
+    def change(self, dt: float) -> None:
+        """Change the length of the steps from now on."""
+        self.start, self.dt, self.count = self.t, dt, 0
+
+
+@dataclass(frozen=True)
+class Reviews:
+    """Schedule of the reviews of an explicit run's critical step, and their last results.
+
+    Reviews are rare while the step is constant.
+    """
+
+    next: int = FIRST  # number of the step after which the next review is
+    interval: int = FIRST  # number of steps between two reviews
+    seen: float = 0.0  # the bound at the last review [s]
+    step: float = 0.0  # the critical step when it was computed last [s]
+    bound: float = 0.0  # its bound then [s]
+    largest: float = 0.0  # upper limit of computed steps [s]
+    halvings: int = 0  # number of blow-ups; computed steps were halved after each
+
+    @property
+    def latest(self) -> float:
+        """Critical step at the last review [s]."""
+        return self.step * ((self.seen or self.bound) / self.bound)
+
+    def estimate(self, bound: float, steps: int) -> tuple[float, Reviews]:
+        """Return the critical step [s], scaled with its bound, and the reviews after this one at step number `steps`.
+
+        The step is NaN if a bound is infinite, because nothing has stiffness.
+        """
+        if not (isfinite(bound) and isfinite(self.bound)):  # at present nothing has stiffness
+            return nan, replace(self, next=steps + FEWEST, interval=FEWEST, seen=0.0)
+        moved = abs(bound / (self.seen or self.bound) - 1)
+        factor = min(max(MOVES / moved, 0.25), 2.0) if moved else 2.0
+        interval = int(min(max(factor * self.interval, FEWEST), MOST))
+        return self.step * (bound / self.bound), replace(self, next=steps + interval, interval=interval, seen=bound)
+
+
+@dataclass
+class Counts:
+    """Counts of a stepper over the whole motion, including the part before it was resumed."""
+
+    iterations: int = 0  # of Newton's method, or of the linear solver if a step is one linear solve; otherwise 0
+    clamped: int = 0  # linear steps with the clamped tangent, because K was not positive definite
+
+    def add(self, before: Counts) -> None:
+        """Add the counts of the run that is resumed."""
+        self.iterations += before.iterations
+        self.clamped += before.clamped
+
+
+class HierarchyOrigin(NamedTuple):
+    """Matrix from which multigrid built its present hierarchy. A resumed run builds the hierarchy from the same matrix.
+
+    Attributes
+    ----------
+    u0, w
+        (ndofs,) displacements at the beginning of the step, and over it [m].
+    t
+        Time of the equation [s].
+    c, g
+        Factors of accelerations and velocities, as in `Coefficients`.
+    tangent
+        Value of a `Tangent` of Newton's method.
+    with_tensions
+        Whether the matrix has the tensions of the beginning of the step.
+    pace
+        Iterations per decade of the residual in the first solve; None before it.
+    slow
+        Whether the next matrix gets a new hierarchy.
+    """
+
+    u0: Array
+    w: Array
+    t: float
+    c: float
+    g: float
+    tangent: str
+    with_tensions: bool
+    pace: float | None = None
+    slow: bool = False
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """Copy of the record after a whole step."""
+
+    state: MotionState
+    clock: Clock
+    reviews: Reviews
+    steps: int
+    cuts: int
+    rows: int  # number of rows of the ledger
+    history: tuple[Array, ...]  # of the terms that have one
+
+
+@dataclass
+class RunRecord:
+    """Complete record from which a run can continue.
+
+    Counts and times cover the whole motion, including the part before a resume.
+    """
+
+    state: MotionState
+    clock: Clock
+    ledger: Ledger  # one row for each step, and one for the beginning
+    reviews: Reviews = field(default_factory=Reviews)  # of the critical step
+    steps: int = 0  # number of completed steps
+    cuts: int = 0  # number of steps that were made in parts
+    good: Snapshot | None = None  # last good state, to which a run returns after a blow-up
+    counts: Counts = field(default_factory=Counts)  # iterations of the steps
+    watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # run time by part
+    origin: HierarchyOrigin | None = None  # origin of multigrid's hierarchy
+    history: tuple[Array, ...] = ()  # of the terms that have one, at the state
+    removed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # removed elements, in order
+    removed_at: Array = field(default_factory=lambda: np.empty(0))  # time of removal [s]; NaN before the run
+
+    @classmethod
+    def at(cls, state: MotionState, ledger: Ledger, body: Any) -> RunRecord:
+        """Return the record of a run that begins with this state of the body."""
+        return cls(state, Clock(state.t, 0.0), ledger, history=body.history())
+
+    def add_removed(self, elements: NDArray[np.int64], t: float) -> None:
+        """Record that elements were removed at this time. The last good state is never older than the last removal."""
+        self.removed = np.concatenate([self.removed, elements])
+        self.removed_at = np.concatenate([self.removed_at, np.full(len(elements), t)])
+
+    @property
+    def after_whole_step(self) -> bool:
+        """Whether the state is at the end of a whole step. A run can continue only from such a state."""
+        return self.state.t == self.clock.t
+
+    def snapshot(self) -> Snapshot:
+        """Return a copy of the present state, clock and counts."""
+        progress = replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps
+        return Snapshot(self.state.copy(), *progress, self.history)
+
+    def return_to(self, then: Snapshot) -> None:
+        """Return to the state of a snapshot, and delete the later rows of the ledger."""
+        self.state.copy_from(then.state)
+        self.clock, self.reviews, self.steps, self.cuts = replace(then.clock), then.reviews, then.steps, then.cuts
+        self.history = then.history
+        self.ledger.truncate(then.rows)
+
+    def store_good_state(self) -> None:
+        """Store the present state as the last good state."""
+        self.good = self.snapshot()
+
+    def return_to_good_state(self) -> None:
+        """Return to the last good state."""
+        assert self.good is not None
+        self.return_to(self.good)

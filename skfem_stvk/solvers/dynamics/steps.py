@@ -1,0 +1,145 @@
+"""Steps of a motion: failed steps are made in parts, and steps of explicit integrators follow the critical one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ...arguments import Array
+from ...errors import StvkError, warn
+from ..newton.newton import End
+from .integrators import Integrator, StepFailed
+from .motion import Motion
+from .record import ROUNDED, Clock, MotionState, RunRecord
+from .stable_step import StableStep
+
+#: Largest number of times that `simulate` halves a step, down to 64 parts.
+HALVINGS = 6
+#: Number of consecutive steps that must be cut before a warning.
+MANY = 10
+
+
+class Steps:
+    """Steps of an integrator from the state of a record. It writes the state, the clock, the reviews and the counts of the record.
+
+    If the record has no step length yet, the first one is chosen. `start` must be called before the first step.
+
+    Attributes
+    ----------
+    stepper
+        Stepper of the integrator for this motion.
+    limit
+        Choice of the time step.
+    halvings
+        Largest number of times that a step is halved.
+    """
+
+    def __init__(
+        self, motion: Motion, integrator: Integrator, record: RunRecord, arrived: Callable[[MotionState], object], halvings: int
+    ) -> None:
+        """`arrived` is called with the state after each part of a step."""
+        self._motion, self._record, self._arrived, self.halvings = motion, record, arrived, halvings
+        self.stepper, self.limit = integrator.stepper(motion), StableStep(motion, integrator)
+        self.stepper.counts.add(record.counts)
+        self.stepper.watch.add(record.watch.parts())
+        record.counts, record.watch, record.ledger.units = self.stepper.counts, self.stepper.watch, motion.system.units
+        if not record.clock.dt:
+            record.clock.dt, record.reviews = self.limit.first(record.state)
+        self._consecutive = 0
+
+    def start(self) -> None:
+        """Prepare for a step from the state of the record."""
+        self._motion.body.return_to(self._record.history)
+        self.stepper.start(self._record.state)
+
+    def refuse_far(self, until: float) -> None:
+        """Raise StvkError if rounded times do not resolve the steps before the end `until` [s]."""
+        dt = self._record.clock.dt
+        if not Clock(until, dt).resolves(dt):
+            largest = ROUNDED * dt / np.finfo(float).eps
+            text = f"until = {until:g} s; expected an end before {largest:.0e} s, up to which times resolve steps of {dt:.3g} s."
+            raise StvkError(self._motion.system.units.text(text))
+
+    def advance(self, t: float, whole: bool) -> None:
+        """Advance to time `t`. A `whole` step advances the clock.
+
+        Raises
+        ------
+        StepFailed
+            if no state was found, not even in the smallest parts. The state is that before the step.
+        StateError
+            if numbers overflow.
+        """
+        record = self._record
+        cut = self._bisected(t)
+        record.steps, record.cuts = record.steps + 1, record.cuts + cut
+        if whole:
+            record.clock.tick()
+
+    def review(self, recompute: bool = False) -> None:
+        """Review the length of the next steps after a whole step. `recompute`: elements were removed."""
+        record = self._record
+        dt, record.reviews = self.limit.review(record, recompute)
+        if dt != record.clock.dt:
+            record.clock.change(dt)
+
+    def _bisected(self, t: float) -> bool:
+        """Advance to time `t`, in parts if a step finds no state. Return whether it was made in parts."""
+        state = self._record.state
+        try:
+            self._part(state, t)
+        except StepFailed:
+            if not self.halvings:
+                raise
+            before, history = state.copy(), self._record.history
+            impulses = np.zeros_like(state.reaction), np.zeros_like(state.forces)
+            try:
+                self._halves(state, t, 1, impulses)
+            except StepFailed:
+                state.copy_from(before)
+                self._record.history = history
+                self._motion.body.return_to(history)
+                raise
+            state.reaction, state.forces = impulses[0] / (t - before.t), impulses[1] / (t - before.t)
+            self._consecutive += 1
+            if self._consecutive == MANY:
+                text = f"t = {t:.4g} s: {MANY} steps in a row had to be cut into parts. Take a smaller dt, or another tangent."
+                warn(self._motion.system.units.text(text))
+            return True
+        self._consecutive = 0
+        return False
+
+    def _halves(self, state: MotionState, t: float, depth: int, impulses: tuple[Array, Array]) -> None:
+        """Advance to time `t` in two parts or more, and add those of the forces on the body to the `impulses`."""
+        for end in ((state.t + t) / 2, t):
+            begin = state.t
+            try:
+                self._part(state, end)
+            except StepFailed:
+                if depth == self.halvings:
+                    raise
+                self._halves(state, end, depth + 1, impulses)
+            else:
+                for impulse, force in zip(impulses, (state.reaction, state.forces), strict=True):
+                    impulse += (end - begin) * force
+
+    def _part(self, state: MotionState, t: float) -> None:
+        """Make one step of the integrator. Terms with history store the state at its beginning, unless it fails."""
+        body, system = self._motion.body, self._motion.system
+        before = state.copy() if len(state.forces) else None
+        body.commit(state.u, self._motion.moment(state.t))
+        try:
+            self.stepper.step(state, t)
+            if before is not None and (name := system.passed_contact(before.u, state.u)):
+                state.copy_from(before)
+                raise StepFailed(f"{End.CONTACT.value}: {name!r}")
+        except StepFailed:
+            body.return_to(self._record.history)
+            if system.contacts:
+                self.stepper.start(state)
+            raise
+        self._record.history = body.history()
+        if before is not None:
+            self.stepper.store_forces(before, state)
+        self._arrived(state)

@@ -1,0 +1,171 @@
+"""Equilibrium of a body as a nonlinear problem: its residual, its tangents and its rate of change with the load factor."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
+
+from ...arguments import Array
+from ...edges import ALL, TENSILE
+from ...errors import StateError
+from ...linear import Factors, LinearSolver, Unknowns
+from ...linear.choose import direct
+from ...linear.inertia import COUNTED, inertia
+from ...results.monitors import named_elements
+from ...system import FreeOperator, System
+from ...system.coordinates import Coordinates, DenseTangent
+from ...system.equation import Equation
+from ...system.free_tangent import FreeTangent, kind_of
+from ...system.round_off import EPS
+from ...terms.loads.load import Time
+from ..newton.problem import Residual, Tangent
+from ..newton.stopwatch import Stopwatch
+
+#: Lower bound of the scale of the residual, as a fraction of the largest loads and reactions on the path. It applies where loads
+#: and reactions return to zero.
+SMALLEST_SCALE = 1e-6
+#: Largest number of checks on a path whether CG met negative curvature or only its own round-off.
+MOST_CHECKS = 3
+#: Largest relative tolerance of the linear solves of a linear body, which needs only one solve.
+PRECISE = 1e-10
+#: Relative step of the load factor for finite differences of loads and prescribed displacements. They are exact for linear growth.
+DIFFERENCE = 1e-6
+
+
+class Equilibrium(Equation):
+    """Equilibrium `F(u) = f_ext(u, t)` over the free entries of the states of a body, an `EigenProblem`.
+
+    Its states form a path as `t` grows.
+
+    Parameters
+    ----------
+    solver
+        The linear solver; None for a body on a basis, whose factors are dense.
+
+    Attributes
+    ----------
+    largest
+        Largest force scale on the path so far [N].
+    """
+
+    def __init__(self, body: System | Coordinates, solver: LinearSolver | None, watch: Stopwatch) -> None:
+        with watch("factor"):
+            tangent = DenseTangent(body) if isinstance(body, Coordinates) else _tangent(body, solver)
+        super().__init__(body, tangent, watch)
+        if body.constant_tangent:
+            self.largest_rtol = PRECISE
+        self.largest, self._checks_left = 0.0, MOST_CHECKS
+
+    @property
+    def symmetric(self) -> bool:
+        return self.tangent.symmetric
+
+    @property
+    def quartic(self) -> bool:
+        return self.system.dead and self.body.quartic
+
+    def residual(self, u: Array, t: Time) -> Residual:
+        with self._watch("assemble"):
+            external = self.body.external_force(u, t)
+            force = self.body.internal_force(u)
+            force -= external
+            free = self.space.restrict(force)
+            size, scale = self.space.norm(free), self.tangent.scale(external, force)
+            if self.system.contacts:
+                scale += self.states.norm(self.system.contact_force(u))
+            if not np.isfinite(size + scale):
+                largest = self.states.most(float(np.abs(self.states.expand(u)).max()))
+                raise StateError(f"The residual overflows at displacements of up to {largest:.1e}.")
+            return Residual(free, size, max(scale, SMALLEST_SCALE * self.largest))
+
+    def round_off(self, u: Array, t: Time) -> float:
+        with self._watch("assemble"):
+            sums = self.tangent.round_off(u) + np.abs(self.body.external_force(u, t))
+            return EPS * self.space.norm(self.space.restrict(sums))
+
+    def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
+        exact = tangent is Tangent.EXACT
+        if exact and self.tangent.constant_factors is not None:
+            return self.tangent.constant_factors
+        with self._watch("assemble"):
+            K = self.tangent.at(u, t, ALL if exact else TENSILE, tangent is Tangent.SHIFTED)
+        with self._watch("factor"):
+            return self.tangent.factorise(K, exact)
+
+    def switch_to_direct(self, u: Array, t: Time) -> bool:
+        """Switch to a direct solver if a factorisation finds no negative eigenvalue; return whether it switched.
+
+        The check is made for up to `COUNTED` unknowns, and `MOST_CHECKS` times on a path, but not for a divided body.
+        """
+        if not self.iterative or self.space.n > COUNTED or not self._checks_left or self.space.divided:
+            return False
+        self._checks_left -= 1
+        counts = inertia(*self.matrix(u, t))
+        if counts is None or counts.negative:
+            return False
+        with self._watch("factor"):
+            self.tangent.use_solver(direct(self.space.n))
+        return True
+
+    def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
+        with self._watch("assemble"):
+            return self.tangent.new_matrix(u, t)
+
+    def operator(self, u: Array, t: Time) -> FreeOperator | csr_matrix:
+        if not isinstance(self.tangent, FreeTangent) or not self.system.dead:  # the load stiffness exists only as a matrix
+            return self.matrix(u, t)[0]
+        with self._watch("assemble"):
+            return FreeOperator(self.system.linear_operator(u), self.tangent.free)
+
+    def stiffness_norm(self, u: Array, t: Time) -> float:
+        """Return the largest absolute row sum of K [N/m]; for an operator, twice the largest row sum of its diagonal blocks."""
+        K = self.operator(u, t)
+        if isinstance(K, csr_matrix):
+            return self.space.most(float(np.asarray(abs(K).sum(axis=1)).max(initial=0.0)))
+        return 2 * self.space.most(float(np.abs(K.diagonal_blocks()).sum(axis=2).max()))
+
+    def energy_along(self, u: Array, v: Array, t: Time) -> Array:
+        with self._watch("assemble"):
+            c = self.body.energy_along(u, v)
+            c[1] -= self.states.dot(self.body.external_force(u, t), v)
+            return c
+
+    def named(self, inside_out: NDArray[np.int64]) -> str:
+        return named_elements(self.system.mesh, inside_out)
+
+    def rate(self, u: Array, t: float) -> tuple[Array, Array]:
+        """Return `-dr/dt` (n,) and the rate of the constrained entries, a direction.
+
+        The force of the constrained entries uses the tangent that was made last.
+        """
+        dt = DIFFERENCE * max(abs(t), 1.0) * (1 if t < 0.5 else -1)  # functions of t may end at 0 and 1
+        forces, moves = self.change(u, t, t + dt)
+        return forces / dt, moves / dt
+
+    def change(self, u: Array, t: float, later: float) -> tuple[Array, Array]:
+        """Return the change from `t` to `later`, as in `rate`: forces (n,) [N], and the motion of constrained entries."""
+        with self._watch("assemble"):
+            loads = self.body.external_force(u, later) - self.body.external_force(u, t)
+        moves = self.body.prescribe(np.zeros(self.states.n), later) - self.body.prescribe(np.zeros(self.states.n), t)
+        return self.space.restrict(loads) - self.force_of(moves), moves
+
+    def accept(self, u: Array, t: Time) -> None:
+        """Record `u` as a state of the path: update the largest force, the reference for small residuals."""
+        residual = self.residual(u, t)
+        self.largest = max(self.largest, residual.scale, residual.size)
+
+    def forget(self) -> None:
+        """Drop solver data of earlier steps, so that a resumed path gives the same numbers as this one."""
+        if self.tangent.constant_factors is None:
+            self.tangent.forget()
+
+    def energies(self, u: Array, t: Time) -> tuple[float, float]:
+        """Return the strain energy and the potential [J]; NaN if a term has no energy, or a load has no potential."""
+        with self._watch("assemble"):
+            return sum(self.body.elastic_energies(u)), self.body.potential(u, t) if self.system.conservative else float("nan")
+
+
+def _tangent(system: System, solver: LinearSolver | None) -> FreeTangent:
+    assert solver is not None
+    return FreeTangent(system, solver, kind_of(system))

@@ -1,0 +1,1 @@
+"""Laws: materials on elements, networks of edges, and energies of the volume."""

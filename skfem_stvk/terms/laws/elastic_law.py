@@ -1,0 +1,190 @@
+"""Base of all laws of elasticity on elements: a material on a region, thickness or area, mass."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from copy import copy
+from dataclasses import InitVar, dataclass, field
+from typing import Annotated, Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from ...arguments import Array, Quantity, Specification, choice, own, shown
+from ...edges import Assembly
+from ...edges.materials import FramedMaterial, Hypothesis, Isotropic, Material
+from ...edges.materials.material import check_length, constant
+from ...edges.stiffness import StoredLaw
+from ...errors import MaterialError
+from ...mesh import ElementMesh
+from ..body import Body
+
+Law = TypeVar("Law", bound="ElasticLaw")
+
+#: Parameters of all laws and networks on elements.
+OfMaterial = Annotated[Material | None, Quantity(None, "Name of its material.")]
+OfRegion = Annotated[str | NDArray[Any] | None, Quantity(None, "Elements it is on; by default all.")]
+OfPlane = Annotated[str | None, Quantity(None, "Of elements in the plane; by default plane strain.", values=("strain", "stress"))]
+OfThickness = Annotated[ArrayLike | None, Quantity("length", "Of elements in the plane and surfaces; by default 1.", gt=0)]
+OfArea = Annotated[ArrayLike | None, Quantity("area", "Cross-section of segments; by default 1.", gt=0)]
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticLaw(Specification, ABC):
+    """Law on the elements of a region, a specification without a mesh; for the parameters see `StVK`.
+
+    Raises
+    ------
+    MaterialError
+        if a constant is missing, specified twice or out of range; when it is bound, if it does not fit the mesh.
+    """
+
+    per_element: ClassVar[bool] = True
+
+    material: OfMaterial = None
+    region: OfRegion = None
+    plane: OfPlane = None
+    thickness: OfThickness = None
+    area: OfArea = None
+    young: InitVar[ArrayLike | None] = None
+    poisson: InitVar[ArrayLike | None] = None
+    density: InitVar[ArrayLike | None] = None
+    simplices: Annotated[
+        str | ArrayLike | None,
+        Quantity(
+            None,
+            "Elements of its own on the nodes of the mesh: a boundary or lines by name, or the nodes of each, from 0: "
+            "[[0, 5], [5, 9]] are two segments.",
+        ),
+    ] = field(default=None, kw_only=True)
+
+    def __post_init__(self, young: ArrayLike | None, poisson: ArrayLike | None, density: ArrayLike | None) -> None:
+        if self.material is None:
+            if young is None:
+                raise MaterialError("A material is missing: give young= and poisson=, or a material such as Orthotropic(...).")
+            object.__setattr__(self, "material", Isotropic(young, poisson, density=density))
+        elif not isinstance(self.material, Material):
+            raise MaterialError(f"material is of type {type(self.material).__name__}; expected Isotropic, Orthotropic, ...")
+        elif any(value is not None for value in (young, poisson, density)):
+            raise MaterialError("young, poisson and density are shorthand for an Isotropic material; got a material as well.")
+        if self.plane is not None:
+            choice("plane", self.plane, ("strain", "stress"), MaterialError)
+        for name in ("thickness", "area"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, constant(getattr(self, name), name, low=0.0))
+        if self.simplices is not None and self.region is not None:
+            raise MaterialError(
+                f"Got region = {shown(self.region)} and simplices; expected one of them: a region selects elements of the mesh, "
+                "and simplices are the term's own elements."
+            )
+        own(self)
+
+    def on(self: Law, region: NDArray[Any] | None) -> Law:
+        """Return the same law on the elements of a region, instead of its own simplices."""
+        law = copy(self)
+        object.__setattr__(law, "simplices", None)
+        object.__setattr__(law, "region", region)
+        return law
+
+    def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
+        """Return the hypothesis: the components of strain or stress that vanish across the elements of this mesh.
+
+        Raises
+        ------
+        MaterialError
+            if `plane`, `thickness` or `area` does not apply to them; if the law has its own simplices, which a `System`
+            connects.
+        """
+        if self.simplices is not None:
+            raise MaterialError(
+                f"{type(self).__name__} has simplices of its own; expected a law on the elements of a mesh. A System connects "
+                "both: System(points, terms)."
+            )
+        for name, k in (("plane", 2), ("thickness", 2), ("area", 1)):
+            if getattr(self, name) is not None and mesh.k != k:
+                simplices = "triangles" if k == 2 else "segments"
+                raise MaterialError(f"{name} is for {simplices}; the mesh has {mesh.kind}. Leave it out.")
+        if mesh.k == 3:
+            return Hypothesis.SOLID
+        if mesh.k == 1:
+            return Hypothesis.UNIAXIAL_STRESS
+        if mesh.d == 3 and self.plane == "strain":
+            raise MaterialError("Triangles in space are membranes, always in plane stress; leave plane out.")
+        return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
+        """Return the assembly of this law on a body's mesh."""
+        body = body if isinstance(body, Body) else Body(body, [])
+        mesh, elements, hourglass = body.mesh, body.mesh.elements(self.region), body.quadrature.hourglass
+        t = mesh.t if self.region is None else mesh.t[:, elements]
+        n, hourglass_stiffness = t.shape[1], None
+        if hourglass is not None:
+            hourglass_stiffness = np.broadcast_to(hourglass / 16 * self.confined_modulus(mesh, n) * self.section(mesh, n), n)
+        ids = mesh.element_numbers[elements]
+        return self.assembly(mesh.p, t, self.stiffness(mesh), body.quadrature, dtype, hourglass_stiffness, elements=ids)
+
+    @property
+    def assembly(self) -> type[Assembly]:
+        """Assembly class with the functions that the law registers in addition to W, F and K (`edges.assembly.offering`)."""
+        return Assembly
+
+    @abstractmethod
+    def stiffness(self, mesh: ElementMesh) -> StoredLaw:
+        """Return the law of the kernels, with its stored numbers of each element of the region."""
+
+    def lame(self, mesh: ElementMesh, hypothesis: Hypothesis | None = None) -> tuple[Array, Array]:
+        """Return `lam` and `mu` (n,) times section under a hypothesis, by default that of the elements.
+
+        MaterialError if the material is not isotropic, or does not fit the elements.
+        """
+        if not isinstance(self.material, Isotropic):
+            raise MaterialError(
+                f"{type(self).__name__}: material = {type(self.material).__name__}(...); expected Isotropic. Give young= and "
+                "poisson=, or use StVK, which takes any material."
+            )
+        n, hypothesis = len(mesh.elements(self.region)), hypothesis or self.hypothesis(mesh)
+        self.material.check(n, hypothesis)
+        section = self.section(mesh, n)
+        lam, mu = (np.broadcast_to(value * section, n) for value in self.material.lame(hypothesis))
+        return lam, mu
+
+    def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,).
+
+        Raises
+        ------
+        MaterialError
+            if the material has no density.
+        """
+        assert self.material is not None
+        if self.material.density is None:
+            region = f" on {self.region!r}" if isinstance(self.region, str) else ""
+            given = self if isinstance(self.material, Isotropic) else self.material
+            raise MaterialError(
+                f"The material{region} has no density. Give it one: {type(given).__name__}(..., density=...) [kg/m^3]."
+            )
+        return sizes * self.section(mesh, len(sizes)) * np.asarray(self.material.density)
+
+    def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
+        """Return `lam + 2 mu` [Pa] within the simplices' own dimensions. For anisotropic materials return the largest of `C_1111,
+        C_2222, C_3333` in material axes.
+        """
+        assert self.material is not None
+        hypothesis = self.hypothesis(mesh)
+        self.material.check(n, hypothesis)
+        if isinstance(self.material, Isotropic):
+            lam, mu = self.material.lame(hypothesis)
+            return lam + 2 * mu
+        assert isinstance(self.material, FramedMaterial)
+        return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
+
+    def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
+        """Return the factor from the size of an element to its volume: thickness, area, or 1; a number or (n,)."""
+        name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
+        section = np.asarray(1.0 if value is None else value)
+        check_length(section, n, name)
+        return section
+
+
+for _shorthand in ("young", "poisson", "density"):  # remove class defaults, so that term.young raises; use term.material
+    delattr(ElasticLaw, _shorthand)

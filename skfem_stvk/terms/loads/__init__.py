@@ -1,0 +1,1 @@
+"""Loads: dead and follower loads, foundations and contact."""

@@ -1,0 +1,217 @@
+"""Times of loads, and functions of position and time from user-supplied values."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Sequence
+from math import isfinite
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from ...arguments import Array, choice, number, real_array, shown
+from ...errors import LoadError, StateError, StvkError, name_ids
+
+
+class Moment(NamedTuple):
+    """The time at which functions of time are evaluated, and the factor of all constants.
+
+    In statics `t` is the load factor, and constants ramp with it. In dynamics `t` is time and constants do not ramp: `Moment(t,
+    1.0)`. There `mass` is that of the motion, "lumped" or "consistent", so that gravity acts on the masses in use.
+
+    >>> Moment.of(0.5), Moment.of(Moment(0.5, 1.0, "lumped"))
+    (Moment(time=0.5, factor=0.5, mass='consistent'), Moment(time=0.5, factor=1.0, mass='lumped'))
+    """
+
+    time: float
+    factor: float
+    mass: str = "consistent"
+
+    @classmethod
+    def of(cls, t: Time) -> Moment:
+        """Return the moment itself, or that of a load factor."""
+        return t if isinstance(t, Moment) else cls(t, t)
+
+    @classmethod
+    def checked(cls, t: Time) -> Moment:
+        """Return the moment as `of` does, with finite numbers; raise StateError for anything else."""
+        if type(t) is float and isfinite(t):
+            return cls(t, t)  # the usual case
+        moment, expected = cls.of(t), "a finite load factor (in statics from 0 to 1) or time"
+        time, factor = (number("t", one, expected, error=StateError) for one in moment[:2])
+        return cls(time, factor, choice("The masses of a Moment", moment.mass, ("consistent", "lumped"), StateError))
+
+
+#: A load factor, or a moment.
+Time: TypeAlias = float | Moment
+
+
+class Value:
+    """A load's value, or a prescribed displacement, as a function of position and time.
+
+        t c         constants `c`: they ramp with the load factor (`Moment`)
+        f(t)        a function of one argument
+        f(x, t)     a function of two: reference coordinates `x` (d, n), and `t`
+
+    Errors are raised for another shape, and for values that are not finite at t = 0 or 1. An array (d, d) for d points is refused,
+    since rows and columns cannot be distinguished; a function of x returns values laid out like x. `constant` are the values that
+    ramp, None for functions.
+
+    Parameters
+    ----------
+    value
+        A number or (d,) components; (n,) or (d, n) for one value at each of the n points, in their order; a tuple or list of
+        d components, each a number or (n,); or a function that returns one of these.
+    shape
+        Shape of a value, () for a number, (d,) for components.
+    x
+        (d, n) points of the values, such as nodes.
+    what
+        The beginning of messages.
+    error
+        The class of errors.
+    name
+        Name of the user-supplied value, in messages.
+    divided
+        Whether the points are those of a part of a divided body, so that constants for each point are refused.
+
+    Examples
+    --------
+    >>> x = np.array([[0.0, 1.0], [0.0, 0.0]])
+    >>> Value((0, -2), (2,), x, "Traction").at(0.5)
+    array([[ 0.],
+           [-1.]])
+    >>> Value(lambda x, t: (0, 1 - x[0]), (2,), x, "Traction").at(0.5)
+    array([[0., 0.],
+           [1., 0.]])
+    """
+
+    def __init__(
+        self,
+        value: Any,
+        shape: tuple[int, ...],
+        x: Array,
+        what: str,
+        error: type[StvkError] = LoadError,
+        name: str = "",
+        *,
+        divided: bool = False,
+    ) -> None:
+        self._shape, self._x, self._what, self._error, self._divided = shape, x, what, error, divided
+        self._function_name = f"the function {name}".rstrip()
+        self._arguments = self._count_arguments(value) if callable(value) else 0
+        self._function = value
+        self.constant = None if self._arguments else self._values(value, name or "the value")
+        for t in (0.0, 1.0):
+            self.at(t)
+
+    def at(self, t: Time) -> Array:
+        """Return values at `t`: a number per point, (1,) or (n,), or components (d, 1) or (d, n). The 1 means the same value at all
+        points.
+        """
+        moment = Moment.of(t)
+        if self.constant is not None:
+            return moment.factor * self.constant
+        time = moment.time
+        try:
+            result = self._function(time) if self._arguments == 1 else self._function(self._x.copy(), time)
+        except Exception as error:
+            meaning = "t, a number" if self._arguments == 1 else f"x, of shape {self._x.shape}, and t"
+            raise self._error(
+                f"{self._what}: {self._function_name} failed at t = {time:g} with {type(error).__name__}: {error}. It gets "
+                f"{meaning}."
+            ) from error
+        return self._values(result, f"what {self._function_name} returned at t = {time:g}")
+
+    def _values(self, value: Any, source: str) -> Array:
+        values = _stacked(value) if self._shape and isinstance(value, tuple | list) else real_array(value)
+        if values is None:
+            raise self._error(f"{self._what}: {source} is {shown(value)}; expected {self._expected}.")
+        self._refuse_square(value, values.shape, source)
+        if values.shape == self._shape:
+            values = values[..., None]
+        elif self._divided and self._arguments < 2:
+            raise self._error(
+                f"{self._what}: {source} has shape {values.shape}, values for each node of a body that is divided among ranks; "
+                "expected one value, or a function of (x, t)."
+            )
+        wanted = (*self._shape, self._x.shape[1])
+        if values.shape not in ((*self._shape, 1), wanted):
+            hint = " Transpose it: values.T." if values.shape == wanted[::-1] else ""
+            raise self._error(f"{self._what}: {source} has shape {values.shape}; expected {self._expected}.{hint}")
+        if not np.isfinite(values).all():
+            bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(len(self._shape)))))
+            where = f" in {name_ids(bad, 'entry')}" if values.shape[-1] > 1 else ""
+            raise self._error(f"{self._what}: {source} is not finite{where}.")
+        return np.array(values)
+
+    def _refuse_square(self, value: Any, shape: tuple[int, ...], source: str) -> None:
+        """Refuse an array (d, d) for d points: neither axis is known to be that of components, and it is not laid out like `x`."""
+        d = self._shape[0] if self._shape else 0
+        if isinstance(value, tuple | list) or self._arguments == 2 or not 1 < d == self._x.shape[1] or shape != (d, d):
+            return
+        raise self._error(
+            f"{self._what}: {source} has shape {shape}, and there are {d} components and {d} vertices: rows may be either. Give a "
+            f"tuple of {d} components: tuple(values) if a row is a component, tuple(values.T) if a row is a vertex."
+        )
+
+    @property
+    def _expected(self) -> str:
+        n = self._x.shape[1]
+        if self._shape:
+            d = self._shape[0]
+            return f"{d} components ({', '.join('xyz'[:d])}), or ({d}, {n}), one column for each of the {n} vertices there"
+        return f"a number, or ({n},), one for each of the {n} vertices there"
+
+    def _count_arguments(self, function: Any) -> int:
+        try:
+            parameters = inspect.signature(function).parameters.values()
+        except (TypeError, ValueError) as error:
+            raise self._error(
+                f"{self._what}: cannot tell the arguments of {self._function_name}, {shown(function)}. Write it as lambda t: ... "
+                "then."
+            ) from error
+        positional = [p for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD) and p.default is p.empty]
+        if len(positional) not in (1, 2):
+            raise self._error(
+                f"{self._what}: {self._function_name} has {len(positional)} arguments; expected one of t, or one of x and t: "
+                "lambda x, t: ..."
+            )
+        if len(positional) == 1 and positional[0].name == "x":
+            raise self._error(
+                f"{self._what}: a function of one argument is a function of t, but this one calls it x. For a function of position "
+                "write lambda x, t: ...; to ramp it, multiply by t."
+            )
+        return len(positional)
+
+
+def check_constants(value: Any, what: str) -> None:
+    """Refuse constants that are not finite numbers, before a mesh says how many are expected.
+
+    >>> check_constants((0, 0, 10**400), "Gravity: g")
+    Traceback (most recent call last):
+    skfem_stvk.errors.LoadError: Gravity: g = (0, 0, 1000...); expected finite numbers, or a function of t or of (x, t).
+    """
+    if callable(value):
+        return
+    values = _stacked(value) if isinstance(value, tuple | list) else real_array(value)
+    if values is None:
+        raise LoadError(f"{what} = {shown(value)}; expected finite numbers, or a function of t or of (x, t).")
+    bad = np.flatnonzero(~np.isfinite(values).all(axis=tuple(range(values.ndim - 1))))
+    if len(bad):
+        where = f" in {name_ids(bad, 'entry')}" if values.ndim and values.shape[-1] > 3 else ""
+        raise LoadError(f"{what} is not finite{where}; expected finite numbers, or a function of t or of (x, t).")
+
+
+def _stacked(components: Sequence[Any]) -> Array | None:
+    """Return the components (d, ...), each a number or one value per point, as one array; None if a component is neither."""
+    arrays = [real_array(component) for component in components]
+    known = [array for array in arrays if array is not None]
+    if not known or len(known) < len(arrays):
+        return None
+    if not any(array.ndim for array in known):  # takes a tenth of the time
+        return np.array(known)
+    try:
+        return np.stack(np.broadcast_arrays(*known))
+    except ValueError:  # components of different lengths
+        return None

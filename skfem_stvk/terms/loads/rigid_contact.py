@@ -1,0 +1,540 @@
+"""Contact of the surface of a body with a rigid shape, by a penalty, with friction."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ...arguments import Array, Quantity, Specification, number, own, shown, text
+from ...edges import ALL, NodeBlocks, Tensions
+from ...errors import ContactError, StvkError
+from ...kernels import contact_penalty as kernels
+from ...kernels.contact_penalty import Surface
+from ...kernels.simplex_topology import edges_of_simplices
+from ...mesh import ElementMesh
+from ...mesh.diagnostics import parts
+from ...mesh.element import Element
+from ...mesh.locations import Where
+from ...mesh.points import sizes_of
+from ...mesh.rules import rule_of
+from ..body import Body
+from ..protocols import Assumed, Assumption
+from .contact_surface import elements_behind, surface_at, young_of
+from .friction import Friction, numbers_of, refuse_missing_width, width_of
+from .load import Moment, Time, Value
+from .rigid_shapes import RigidShape
+from .spread import Spread
+
+#: Stiffness by default, in units of E/h: Young's modulus by the mean length of the facet's edges.
+STIFFNESS = 10.0
+#: Gap of nodes that touch at the start of a static solve, as a fraction of the size of the body.
+TOUCHING = 1e-6
+#: Depth of points in the middle of a shape, as a fraction of its thickness, less round-off.
+HALFWAY = 0.5 - 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class RigidContact(Specification):
+    """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
+
+    ::
+
+        W = integral of psi(depth) dA        psi'' = k, or k min(1, depth/onset)
+
+    The integral is over the surface at rest. Points are the vertices with their areas, and on quadratic elements and hexahedra the
+    points of the facets' rule for masses. In `EnergyMomentum` the force is a discrete gradient of W, so that the energy is kept.
+
+    Parameters
+    ----------
+    shape
+        `RigidPlane`, `RigidSphere`, `RigidCylinder` or `RigidBox`.
+    where
+        Location of the facets that may touch, as in `Traction`; of surfaces in space a subdomain or ids. By default the whole
+        surface: then the areas of all facets count at edges of the body, also of those that face away.
+    stiffness
+        Stiffness `k` [N/m^3]. By default `10 E/h`, with Young's modulus E of the element behind each facet and the mean length h of
+        its edges: a pressure of `E/10` makes a depth of 1 % of the element.
+    friction
+        `Friction` between the body and the shape; by default none.
+    onset
+        Depth over which the stiffness rises to `k` [m]; 0 by default. It softens impacts, and lets pressed bodies sink in.
+    motion
+        (d,) displacement of the shape [m], which ramps with the load factor, or a function of t. By default the shape rests.
+    name
+        Name in results, ledgers and messages.
+    simplices
+        Surface in space outside the mesh, such as a membrane on tetrahedra, as in `Pressure`.
+
+    Raises
+    ------
+    ContactError
+        if the stiffness is not positive, the onset negative, or `shape` no rigid shape. When it is bound: if the shape has another
+        dimension than the mesh, the body has no surface, or a law has no Young's modulus and `stiffness` is None.
+    RegionError
+        when it is bound, if there is no facet.
+
+    Examples
+    --------
+    >>> import numpy as np, skfem
+    >>> from skfem_stvk import RigidPlane, StVK, System
+    >>> floor = RigidContact(RigidPlane((0, 0, 0), (0, 0, 1)), where=lambda x: x[2] == 0, stiffness=1e6)
+    >>> cube = System(skfem.MeshTet(), [StVK(young=1.0, poisson=0.3), floor])
+    >>> u = np.tile([0, 0, -0.01], 8)                       # 1 cm deep: 1/2 k depth^2 [J], k depth [N] on 1 m^2
+    >>> round(cube.energy(u), 9), float(cube.internal_force(u).reshape(-1, 3).sum(axis=0)[2].round(9))
+    (50.0, -10000.0)
+    """
+
+    error: ClassVar[type[StvkError]] = ContactError
+    per_element: ClassVar[bool] = False
+    given_by: ClassVar[str] = "motion"
+    on_elements: ClassVar[bool] = True
+
+    shape: Annotated[RigidShape, Quantity(None, "The rigid shape.")]
+    where: Annotated[Where | None, Quantity(None, "Place of the boundary facets that may touch; by default all.")] = None
+    stiffness: Annotated[float | None, Quantity("stiffness per area", "Stiffness per area; by default 10 E/h.", gt=0)] = None
+    friction: Annotated[Friction | None, Quantity(None, "Friction; by default none.")] = None
+    onset: Annotated[float, Quantity("length", "Depth over which the stiffness rises.", ge=0)] = 0.0
+    motion: Annotated[Any, Quantity("length", "Displacement of the shape; by default it rests.", components=True)] = None
+    name: Annotated[str, Quantity(None, "Name in results and messages.")] = "contact"
+    simplices: Annotated[Any, Quantity(None, "A surface in space, on nodes of the mesh: the simplices of its law.")] = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.shape, RigidShape):
+            raise ContactError(
+                f"RigidContact: shape = {shown(self.shape)}; expected RigidPlane(...), RigidSphere(...), RigidCylinder(...) or "
+                "RigidBox(...)."
+            )
+        own(self)
+        if not isinstance(self.friction, Friction | None):
+            raise ContactError(f"RigidContact: friction = {shown(self.friction)}; expected Friction(...), or None.")
+        object.__setattr__(self, "name", text("RigidContact: name", self.name))
+        if self.stiffness is not None:
+            k = number(f"{self.label}: stiffness", self.stiffness, "a positive number [N/m^3]", 0.0, error=ContactError)
+            object.__setattr__(self, "stiffness", k)
+        onset = number(f"{self.label}: onset", self.onset, "a depth [m], zero or more", 0.0, closed=True, error=ContactError)
+        object.__setattr__(self, "onset", onset)
+
+    @property
+    def label(self) -> str:
+        """Beginning of messages."""
+        return f"RigidContact {self.name!r}"
+
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundRigidContact:
+        """Return the contact of a body; a mesh alone has thickness or area 1.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
+        body = body if isinstance(body, Body) else Body(body, [])
+        if self.shape.d != body.mesh.d:
+            raise ContactError(
+                f"{self.label}: its {self.shape.name} has {self.shape.d} components; expected {body.mesh.d}, as the mesh."
+            )
+        plain = self.motion is None and self.friction is None
+        return (BoundRigidContact if plain else RigidContactWithHistory)(self, body)
+
+
+class Displacement(Protocol):
+    """Displacement of a shape as a function of the load factor or time."""
+
+    def at(self, t: Time) -> Array:
+        """Return the components (d, 1) at `t` [m]."""
+
+
+class BoundRigidContact:
+    """Contact on a mesh. It couples the nodes of each facet, if its points are not the vertices, and joins none of them.
+
+    Attributes
+    ----------
+    contact, name
+        Specification, and its name.
+    areas
+        (n, nq) areas of the points at rest [m^2].
+    nodes, nodes_paired
+        Nodes (m,) of the facets, and pairs (2, n) of nodes of a facet with points between them.
+    edge, shortest_edge
+        Mean length of the edges of all facets at rest, and that of the smallest facet [m].
+    """
+
+    symmetric = has_energy = True
+    balanced = is_barrier = False
+    friction_factor = 1.0
+    nodes_joined = np.empty((2, 0), dtype=np.int32)
+
+    def __init__(self, contact: RigidContact, body: Body) -> None:
+        self.contact, self.name = contact, contact.name
+        self._shape, self._shift = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
+        self.assumed: Assumption = None
+        self._facets, self._element = surface_at(body, contact.where, contact.label, contact.simplices)
+        edges = _edge_lengths(contact, body, self._facets, self._element)
+        self.edge, self.shortest_edge = float(edges.mean()), float(edges.min())
+        self._set_areas(body)
+        N, t, X = self._surface
+        self.nodes = np.unique(t).astype(np.int32)
+        local = np.searchsorted(self.nodes, t).astype(np.int32)
+        self._own_surface = Surface(N, local, X[self.nodes])
+        self._first, self._second = np.triu_indices(t.shape[1], 1)
+        between = np.stack([self._first, self._second], axis=1)
+        pairs, self._sides = edges_of_simplices(np.ascontiguousarray(local.T), between, len(self.nodes))
+        self.nodes_paired = self.nodes[pairs]
+
+    @property
+    def shape(self) -> RigidShape:
+        """Rigid shape, displaced as at present."""
+        return self.contact.shape.displaced(self._shift[: self._body.mesh.d])
+
+    def _set_areas(self, body: Body) -> None:
+        """Use the areas of the facets of a body, and the stiffness of its materials."""
+        self._body, contact = body, self.contact
+        areas = _areas(contact, body, self._facets, self._element)
+        self._surface, self.areas = _points_of(body.mesh, self._element, self._facets, areas)
+        if contact.stiffness is None:
+            stiffness = _default_stiffness(contact, body, self._facets, self._element)
+            self._weights = _points_of(body.mesh, self._element, self._facets, areas * stiffness)[1]
+        else:
+            self._weights = contact.stiffness * self.areas
+
+    def without(self, removed: NDArray[np.bool_]) -> BoundRigidContact:
+        """Return the contact without the facets whose elements are all removed, `removed` (nt,). New faces do not touch."""
+        other = copy(self)
+        other._set_areas(self._body.without(removed, self._body.bare))
+        return other
+
+    def moved_by(self, motion: Displacement) -> RigidContactWithHistory:
+        """Return the contact for a motion in time that displaces its shape."""
+        moved = RigidContactWithHistory(self.contact, self._body).with_new_history(in_time=True)
+        moved._motion = motion
+        return moved
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        """Return the energy [J] at `u` (nv, d); add the internal force [N], minus that of the shape, to `force` (nv, d)."""
+        out = np.empty_like(u[:0]) if force is None else force
+        e = self.contact.onset
+        return float(kernels.energy_and_force(self._surface, self._weights, self._shape, self._shift, e, u, out))
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        """Add the blocks of K [N/m] at `u` (nv, d), or those that are `assumed`."""
+        start, e, into = (self._own_surface, self._weights, self._shape), self.contact.onset, self._into(blocks)
+        if isinstance(self.assumed, tuple):
+            u0, u1 = (one[self.nodes] for one in self.assumed)
+            kernels.add_mean_blocks(*start, self._start_shift, self._shift, e, u0, u1, into)
+        elif self.assumed is not Assumed.APART:
+            everywhere = self.assumed is Assumed.TOUCHING
+            kernels.add_blocks(*start, self._shift, e, u[self.nodes], kept.negative, everywhere, into)
+
+    def _into(self, blocks: NodeBlocks) -> kernels.Blocks:
+        """Return the arrays of the blocks, and the numbers of the pairs of nodes."""
+        assert blocks.own is not None
+        return kernels.Blocks(self._sides, self._first, self._second, blocks.pairs, blocks.own)
+
+    @property
+    def _start_shift(self) -> Array:
+        """Displacement (3,) of the shape at the last accepted state [m]."""
+        return self._shift
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add the sum of the `weights` times the discrete gradient of the energy to `force` (nv, d); return 0."""
+        start, e = (self._surface, self._weights, self._shape, self._start_shift, self._shift), self.contact.onset
+        kernels.add_mean_force(*start, e, u0, u1, sum(weights), force)
+        return 0.0
+
+    def contact_limit(self, u: Array, v: Array) -> float:
+        """Return the smallest `s > 0` at which a point is halfway on its way `u + s v` through the resting shape, or infinity."""
+        return float(kernels.step_limit(self._surface, self._shape, self._shift, np.zeros(3), u, v))
+
+    def too_soft(self, impact: float) -> str:
+        """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, else "".
+
+        The depth of a body of this speed, density and height is `v sqrt(rho h/k)`.
+        """
+        total, half = self._body.mesh.space.total, self.contact.shape.thickness / 2
+        k = total(float(self._weights.sum())) / total(float(self.areas.sum()))
+        depth = impact / np.sqrt(k)
+        if depth <= half:
+            return ""
+        return (
+            f" The contact {self.name!r} is too soft: with its stiffness of {k:.3g} [N/m^3] the body gets {depth:.3g} m deep; "
+            f"expected less than half of the thickness of the shape, {half:.3g} m. Take a larger stiffness."
+        )
+
+    def refuse_start(self, u: Array) -> None:
+        """Raise ContactError if a part of the body lies within the shape at `u` (nv, d), or points are halfway through it.
+
+        Other points in a shape are pushed out.
+        """
+        if (depth := self.depth_within(u)) > 0:
+            raise ContactError(
+                f"{self.contact.label}: no node of the body is outside the {self.shape.name} at the start, and the deepest is "
+                f"{depth:.4g} m within; expected the body outside. Reverse the normal (inside=... of spheres and cylinders), or "
+                "move the body."
+            )
+        if (depth := -self.smallest_gap(u)) > HALFWAY * self.shape.thickness:
+            raise ContactError(
+                f"{self.contact.label}: points are {depth:.4g} m deep in the {self.shape.name} at the start, halfway through it, "
+                "where no direction leads out; expected them nearer to its surface. Move the body or the shape."
+            )
+
+    def depth_within(self, u: Array) -> float:
+        """Return the largest depth [m] of nodes of a connected part that lies within the shape at `u` (nv, d), otherwise 0."""
+        part, every = parts([body.mesh for body in (self._body, *self._body.beside)]), np.arange(len(u), dtype=np.int32)
+        at_nodes = Surface(np.ones((1, 1)), every[:, None], self._surface.X)
+        gaps = self._gaps(at_nodes, np.zeros((len(u), 1)), u)[0][:, 0]
+        largest, smallest = np.full(part.max() + 1, -np.inf), np.full(part.max() + 1, np.inf)
+        np.maximum.at(largest, part, gaps)
+        np.minimum.at(smallest, part, gaps)
+        size = np.maximum(largest - smallest, self.edge)  # flat parts have no size across the shape
+        within = (largest <= TOUCHING * size) & (smallest < -size / 2)
+        return float(-smallest[part[self.nodes]].min(initial=0.0, where=within[part[self.nodes]]))
+
+    def passes(self, u0: Array, u1: Array) -> bool:
+        """Return whether a point gets halfway through the moving shape, or farther, on the way from `u0` to `u1` (nv, d)."""
+        moved = self._shift - self._start_shift
+        return bool(kernels.step_limit(self._surface, self._shape, self._start_shift, moved, u0, u1 - u0) <= 1)
+
+    def identity(self) -> list[float]:
+        """Return numbers that differ from those of another contact."""
+        finite = np.nan_to_num(self._shape.numbers).tolist()
+        return [
+            self._shape.kind,
+            *finite,
+            self.contact.onset,
+            *numbers_of(self.contact.friction),
+            float(self._weights.sum()),
+            *self._shift.tolist(),
+        ]
+
+    def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
+        """Return nodes (m,) of facets that touch at `u` (nv, d), and the normals (m, d) there.
+
+        Friction holds nothing at the start, because it lags behind by a step.
+        """
+        at_nodes = Surface(np.ones((1, 1)), self.nodes[:, None], self._surface.X)
+        gaps, _, normals = self._gaps(at_nodes, np.zeros((len(self.nodes), 1)), u)
+        size = float(np.ptp(self._surface.X, axis=0).max())
+        there = np.isin(self.nodes, self._surface.t[(self.areas > 0).any(axis=1)])
+        held = (gaps[:, 0] <= TOUCHING * size) & there
+        return self.nodes[held].astype(np.int64), normals[held, 0]
+
+    def _gaps(self, surface: Surface, weights: Array, u: Array) -> tuple[Array, Array, Array]:
+        """Return gaps (n, nq) [m], normal forces (n, nq) [N] and normals (n, nq, d) of the points of a surface."""
+        gaps, forces, normals = np.empty_like(weights), np.empty_like(weights), np.empty((*weights.shape, u.shape[1]))
+        kernels.find_gaps(surface, weights, self._shape, self._shift, self.contact.onset, u, gaps, forces, normals)
+        return gaps, forces, normals
+
+    def evaluated(self, u: Array) -> tuple[Array, Array, float]:
+        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
+        (N, t, _), (gaps, forces, _) = self._surface, self._gaps(self._surface, self._weights, u)
+        sums = [np.zeros(len(u)) for _ in range(2)]
+        for values, out in zip((forces, self.areas), sums, strict=True):
+            np.add.at(out, t, values @ np.abs(N))
+        smallest = np.full(len(u), np.inf)
+        np.minimum.at(smallest, t, gaps.min(axis=1)[:, None])
+        pressure = np.divide(sums[0], sums[1], out=np.zeros(len(u)), where=sums[1] > 0)
+        return pressure, smallest, float(self.areas[gaps < 0].sum())
+
+    def smallest_gap(self, u: Array) -> float:
+        """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
+        return float(kernels.smallest_gap(self._surface, self._shape, self._shift, u))
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the stiffness of the points that touch, times the coordinates that their depths subtract [N], to `out` (nv, d)."""
+        (N, t, X), (gaps, _, normals) = self._surface, self._gaps(self._surface, self._weights, u)
+        largest = (np.abs(X[t]) + np.abs(u[t])).max(axis=(1, 2)) + np.abs([*self._shape.numbers[:3], *self._shift]).max()
+        touching = np.where(gaps < 0, self._weights, 0.0) * largest[:, None]
+        np.add.at(out, t, np.einsum("nq,qm,nqd->nmd", touching, np.abs(N), np.abs(normals)))
+
+    def memory(self) -> dict[str, int]:
+        """Return the bytes of its arrays, by part."""
+        arrays = *self._surface, *self._own_surface, self.areas, self._weights, self._sides, self._facets, self.nodes
+        return {"contact": sum(array.nbytes for array in (*arrays, self.nodes_paired))}
+
+
+class RigidContactWithHistory(BoundRigidContact):
+    """Contact with a shape that moves, or with friction.
+
+    The history is the displacement (3,) of the shape at the beginning of the step, and its time. With friction, the displacement,
+    the largest friction [N] and the normal of each point follow, (n, nq, 7).
+    """
+
+    def __init__(self, contact: RigidContact, body: Body) -> None:
+        super().__init__(contact, body)
+        d, motion = body.mesh.d, np.zeros(body.mesh.d) if contact.motion is None else contact.motion
+        self._own_motion = Value(motion, (d,), np.zeros((d, 1)), contact.label, ContactError, "motion")
+        self._motion: Displacement = self._own_motion
+        self.has_friction, self._in_time = contact.friction is not None, False
+        self._width = 0.0  # slip up to which friction rises [m]
+        self._secants: Array = np.empty((0, 0))
+        self._forget()
+
+    def _forget(self) -> None:
+        count = 7 * self.areas.size if self.contact.friction else 0
+        self._history = np.zeros(4 + count)
+
+    @property
+    def history(self) -> Array:
+        """Numbers (n,) of the state at the beginning of the step."""
+        return self._history
+
+    @history.setter
+    def history(self, numbers: Array) -> None:
+        if numbers.shape != self._history.shape or numbers.dtype != np.float64 or not np.isfinite(numbers).all():
+            raise ValueError(f"the history of {self.contact.label} is {shown(numbers)}; expected {self._history.size} numbers")
+        self._history = numbers.copy()
+        self._secants = np.empty((0, 0))
+
+    @property
+    def _past(self) -> Array:
+        """Displacement, largest friction and normal of each point (n, nq, 7)."""
+        return self._history[4:].reshape(*self.areas.shape, 7)
+
+    def with_new_history(self, in_time: bool) -> RigidContactWithHistory:
+        """Return the contact for a new analysis."""
+        other = copy(self)
+        if self.contact.friction is not None:
+            refuse_missing_width(self.contact.friction, in_time, self.contact.label)
+        other._in_time, other._motion = in_time, self._own_motion
+        other._forget()
+        other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
+        return other
+
+    def at(self, t: Time) -> None:
+        """Move the shape to its place at load factor or time `t`, and set the slip up to which friction rises."""
+        self._shift = np.zeros(3)
+        self._shift[: self._body.mesh.d] = self._motion.at(t)[:, 0]
+        friction = self.contact.friction
+        if friction is not None:
+            self._width = width_of(friction, Moment.of(t).time - self._history[3], self._in_time)
+
+    def commit(self, u: Array, t: float) -> None:
+        """Store the state at the beginning of a step."""
+        self._history = self._history.copy()
+        self._history[:3], self._history[3] = self._shift, t
+        if self.contact.friction is not None:
+            start, e = (self._surface, self._weights, self._shape, self._shift), self.contact.onset
+            kernels.remember(*start, e, u, self.contact.friction.coefficient, self._past)
+
+    @property
+    def _start_shift(self) -> Array:
+        return self._history[:3]
+
+    @property
+    def _slips(self) -> bool:
+        """Whether friction acts now: not in the state at the beginning of a step."""
+        return self.has_friction and self._width > 0
+
+    @property
+    def _slipped(self) -> tuple[Array, Array, float]:
+        """Arguments of the kernels of friction."""
+        return self._shift, self._past, self._width
+
+    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
+        if force is not None and self._slips:
+            kernels.add_friction(self._surface, *self._slipped, self._secants, u, self.friction_factor, force)
+        return super().energy_and_force(u, force)
+
+    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
+        super().add_blocks(u, blocks, kept)
+        if self._slips and not isinstance(self.assumed, Assumed):
+            end, factor = (self.assumed[1], 2.0) if isinstance(self.assumed, tuple) else (u, self.friction_factor)
+            slipped = *self._slipped, self._secants
+            kernels.add_friction_blocks(self._own_surface, *slipped, end[self.nodes], factor, self._into(blocks))
+
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        if self._slips:
+            kernels.add_friction(self._surface, *self._slipped, self._secants, u1, sum(weights), force)
+        return super().mean_force(u0, u1, weights, theta, force)
+
+    def missing_friction(self, u: Array) -> tuple[Array, float]:
+        """Return the friction (n, 3) that points lack which slip by more than the width, and the largest of all points [N]."""
+        if self.contact.friction is None or not self._past[..., 4:].any():  # before the first state there is no slip
+            return np.zeros((0, 3)), 0.0
+        past, now, e = self._past, np.empty_like(self._past), self.contact.onset
+        kernels.remember(self._surface, self._weights, self._shape, self._shift, e, u, self.contact.friction.coefficient, now)
+        change, normals = now[..., :3] - past[..., :3], past[..., 4:]
+        across = change - (change * normals).sum(axis=2, keepdims=True) * normals
+        slip = np.linalg.norm(across, axis=2)
+        missing = (now - past)[..., 3] / np.where(slip > self._width, slip, np.inf)
+        return (missing[..., None] * across).reshape(-1, 3), max(now[..., 3].sum(), past[..., 3].sum())
+
+    def predict(self, u: Array) -> None:
+        """Use the force per slip at `u` (nv, d) for all slips until the next state is accepted."""
+        if self._slips:
+            self._secants = self._secants_at(u)
+
+    def drag(self, u: Array) -> Array:
+        """Return the largest friction per speed (nv,) [N s/m] of each node in a step from `u` (nv, d)."""
+        (N, t, _), drag, friction = self._surface, np.zeros(len(u)), self.contact.friction
+        if friction is not None and friction.slip_speed is not None:  # the slope of f1 at zero is 2
+            slopes = 2 * friction.coefficient / friction.slip_speed * self._gaps(self._surface, self._weights, u)[1]
+            np.add.at(drag, t, (slopes * np.abs(N).sum(axis=1)) @ np.abs(N))
+        return drag
+
+    def _secants_at(self, u: Array) -> Array:
+        """Return the force per slip (n, nq) [N/m] at `u` (nv, d)."""
+        secants = np.zeros(self.areas.shape)
+        kernels.find_secants(self._surface, *self._slipped, u, secants)
+        return secants
+
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add that of the normal force, and the force per slip times the displacements that the slip subtracts [N]."""
+        super().add_round_off(u, out)
+        if self._slips:
+            N, t, _ = self._surface
+            largest = np.abs(u[t]).max(axis=(1, 2)) + np.abs([*self._shift, *self._start_shift]).max()
+            rubbing = self.friction_factor * self._secants_at(u) * largest[:, None]
+            np.add.at(out, t, (rubbing @ np.abs(N))[:, :, None])
+
+    def work(self, u0: Array, u1: Array) -> tuple[float, float]:
+        """Return the work [J] of the moving shape on the body, and that against friction, from the last accepted state to `u1`."""
+        moved, work, lost = self._shift - self._start_shift, 0.0, 0.0
+        if self._slips:
+            force = np.zeros_like(u1)
+            lost = float(kernels.add_friction(self._surface, *self._slipped, self._secants, u1, 1.0, force))
+            work -= float(force.sum(axis=0) @ moved[: u1.shape[1]])
+        if moved.any():
+            force = np.zeros_like(u1)
+            BoundRigidContact.mean_force(self, u0, u1, (0.5, 0.5), 0.5, force)
+            work -= float(force.sum(axis=0) @ moved[: u1.shape[1]])
+        return work, lost
+
+
+def _areas(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
+    """Return the areas (n,) of the facets at rest [m^2]."""
+    mesh: Any = body.mesh
+    if contact.simplices is not None:
+        return sizes_of(mesh.p, facets, element)
+    return body.facet_areas(facets) if mesh.k == mesh.d else body.sizes[mesh.elements(contact.where)]
+
+
+def _points_of(mesh: ElementMesh, element: Element, facets: NDArray[np.int32], sizes: Array) -> tuple[Surface, Array]:
+    """Return the points of facets (m, n), and their shares (n, nq) of the `sizes` (n,) of the facets."""
+    spread, X = Spread(mesh, element, facets, sizes), np.ascontiguousarray(mesh.p.T)
+    if element.is_linear_simplex:  # the vertices
+        return Surface(np.ones((1, 1)), spread.vertices[:, None].astype(np.int32), X), spread.total[:, None]
+    N = np.ascontiguousarray(element.values(rule_of(element, "mass").points))
+    return Surface(N, np.ascontiguousarray(facets.T, dtype=np.int32), X), np.ascontiguousarray(spread.at_points.T)
+
+
+def _default_stiffness(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
+    """Return `10 E/h` (n,) [N/m^3] of the facets."""
+    if contact.simplices is not None:
+        raise ContactError(f"{contact.label}: stiffness = None with simplices; expected a positive number [N/m^3].")
+    expected = "stiffness=... [N/m^3], such as 10 E/h of the softest body"
+    E = young_of(body, elements_behind(body, contact.where, facets), contact.label, expected)
+    return STIFFNESS * E / _edge_lengths(contact, body, facets, element)
+
+
+def _edge_lengths(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
+    """Return the mean length (n,) of the edges of each facet [m]; of ends of bars that of their elements."""
+    if element.k == 0:
+        return body.sizes[elements_behind(body, contact.where, facets)]
+    ends = body.mesh.p[:, facets[np.array(element.edges).T]]
+    return np.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=0).mean(axis=0))

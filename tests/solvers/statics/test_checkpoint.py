@@ -1,0 +1,491 @@
+"""Checkpoints of paths, and paths that are resumed from them."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import meshio
+import numpy as np
+import pytest
+from beams import beam, bent, block, column
+from test_arc_length import bar
+
+from skfem_stvk import Corotated, Gravity, InvertibleStVK, NodalLoad, Stop, StVK, System, Traction, solve_static
+from skfem_stvk.errors import StvkError
+from skfem_stvk.linear import AmgCg, SuperLU
+from skfem_stvk.results.complete_files import OutputFiles
+from skfem_stvk.results.monitors import Monitors
+from skfem_stvk.solvers.newton.stopwatch import Stopwatch
+from skfem_stvk.solvers.statics import Interrupted, SolveError, Step
+from skfem_stvk.solvers.statics import path_checkpoint as checkpoint
+from skfem_stvk.solvers.statics.arc_length import ArcLength
+from skfem_stvk.solvers.statics.continuation import ContinuationOptions
+from skfem_stvk.solvers.statics.equilibrium import Equilibrium
+from skfem_stvk.solvers.statics.load_steps import LoadSteps
+from skfem_stvk.solvers.statics.stop import StopCriterion
+from skfem_stvk.system.signature import Fingerprint
+from validation import resumed
+
+CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
+OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
+
+
+def same(one, other):
+    """Assert that two results agree bitwise, except for times and effort."""
+    assert len(one.history) == len(other.history) and one.message == other.message and one.status is other.status
+    for a, b in zip(one.history, other.history, strict=True):
+        assert (a.t, a.status, a.end, a.negative, a.lowest) == (b.t, b.status, b.end, b.negative, b.lowest)
+        assert (a.strain_energy, a.smallest_volume_ratio) == (b.strain_energy, b.smallest_volume_ratio)
+        assert a.iterations == b.iterations
+        np.testing.assert_array_equal(a.u, b.u)
+    assert [repr(point) for point in one.critical_points] == [repr(point) for point in other.critical_points]
+
+
+class Interruption(Exception):
+    pass
+
+
+def stopped_after(monkeypatch, states, **call):
+    """Run a solve that is interrupted after the given number of saved states."""
+    original_add = checkpoint.PathCheckpoint.add
+
+    def add(self, step, saved):
+        original_add(self, step, saved)
+        if self._count == states:
+            raise Interruption
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint.PathCheckpoint, "add", add)
+        with pytest.raises(SolveError):
+            solve_static(**call)
+
+
+SCENES = {
+    "bending": (lambda: bent(), {"steps": 8}),
+    "crushing": (lambda: block(0.4, n=4), {"steps": 5}),
+    "snap-through": (lambda: bar(), {"steps": 20, "method": "arc-length"}),
+    "buckling": (lambda: column(1.3 * CRITICAL), {"steps": 4, "method": "arc-length"}),
+    "a start": (lambda: bent(), {"steps": 8, "u0": np.full(297, 1e-3), "t0": 0.1}),
+}
+
+
+@pytest.mark.filterwarnings("ignore:From t")
+@pytest.mark.parametrize("scene", SCENES)
+def test_a_resumed_path_is_the_same_to_the_last_bit(tmp_path, monkeypatch, scene):
+    """A path resumed after each of the first states, or from its end, is bitwise identical."""
+    make, options = SCENES[scene]
+    options = OPTIONS | options
+    whole = solve_static(make(), **options)
+    for states in (1, 2, 3):
+        call = {"checkpoint": tmp_path / f"path_{states}", **options}
+        stopped_after(monkeypatch, states, system=make(), **call)
+        same(whole, solve_static(make(), resume=True, **call))
+        assert len(list((tmp_path / f"path_{states}").glob("state_*.npz"))) == len(whole.history)
+    same(whole, solve_static(make(), resume=True, **call))
+
+
+def test_a_path_is_resumed_to_another_stop(tmp_path):
+    call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True, "rtol": 1e-12}
+    first = solve_static(bar(), stop=Stop(turns=1), **call)
+    further = solve_static(bar(), stop=Stop(turns=2), resume=True, **call)
+    assert len(further.history) > len(first.history) and len(further.critical_points) == 2
+    np.testing.assert_array_equal(further.history[len(first.history) - 1].u, first.u)
+
+
+def test_resume_without_states_starts_a_path(tmp_path):
+    result = solve_static(bent(), steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True)
+    assert result.success and len(list((tmp_path / "path").iterdir())) == len(result.history)
+
+
+def test_the_series_of_files_is_resumed(tmp_path, monkeypatch):
+    call = {"steps": 6, "checkpoint": tmp_path / "path", "save": tmp_path / "bent.pvd", **OPTIONS}
+    stopped_after(monkeypatch, 2, system=bent(), **call)
+    result = solve_static(bent(), resume=True, **call)
+    files = sorted(tmp_path.glob("bent_*.vtu"))
+    assert len(files) == len(result.history) and (tmp_path / "bent.pvd").read_text().count("DataSet") == len(files)
+    last = meshio.read(files[-1]).point_data["displacement"]
+    np.testing.assert_allclose(last.ravel(), result.u, atol=1e-12)
+
+
+def test_the_series_of_a_snap_through_counts_its_states(tmp_path):
+    system = bar()
+    result = solve_static(system, steps=20, method="arc-length", save=tmp_path / "bar.pvd", quiet=True)
+    assert len(list(tmp_path.glob("bar_*.vtu"))) == len(result.history)
+    result.save(tmp_path / "again.pvd")
+    assert len(list(tmp_path.glob("again_*.vtu"))) == len(result.history)
+
+
+def test_a_fresh_run_replaces_the_states_of_its_own_problem_and_no_others(tmp_path):
+    call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "save": tmp_path / "bar.pvd", "quiet": True}
+    longer = solve_static(bar(), stop=Stop(turns=2), **call)
+    shorter = solve_static(bar(), stop=Stop(turns=1), **call)
+    saved_before = {file.name: file.read_bytes() for file in [*tmp_path.glob("bar*"), *(tmp_path / "path").iterdir()]}
+    assert len(shorter.history) < len(longer.history) and len(saved_before) == 2 * len(shorter.history) + 1
+    for one in ("checkpoint", "save"):
+        other = {name: value for name, value in call.items() if name != one} | {"steps": 10}
+        with pytest.raises(StvkError, match=r"of another problem: steps was 20 and is 10.*overwrite=True"):
+            solve_static(bar(), **other)
+    assert saved_before == {file.name: file.read_bytes() for file in [*tmp_path.glob("bar*"), *(tmp_path / "path").iterdir()]}
+    fewer = solve_static(bar(), overwrite=True, **call | {"steps": 10})
+    assert len(list((tmp_path / "path").iterdir())) == len(fewer.history) == len(list(tmp_path.glob("bar_*.vtu")))
+    same(fewer, solve_static(bar(), resume=True, **call | {"steps": 10}))
+
+
+def test_other_files_are_replaced_only_on_request(tmp_path):
+    (tmp_path / "path").mkdir()
+    np.savez(tmp_path / "path" / "state_00000.npz", u=np.ones(3))
+    (tmp_path / "bent.pvd").write_text("<VTKFile><Collection/></VTKFile>")
+    saved_before = (tmp_path / "path" / "state_00000.npz").read_bytes()
+    with pytest.raises(StvkError, match=r"state_00000.npz cannot be read as a path of skfem-stvk.*overwrite=True"):
+        solve_static(bent(), steps=3, checkpoint=tmp_path / "path", quiet=True)
+    with pytest.raises(StvkError, match=r"bent.pvd exists, but does not name its problem.*overwrite=True"):
+        solve_static(bent(), steps=3, save=tmp_path / "bent.pvd", quiet=True)
+    assert (tmp_path / "path" / "state_00000.npz").read_bytes() == saved_before and "<Collection/>" in (
+        tmp_path / "bent.pvd"
+    ).read_text()
+    both = {"checkpoint": tmp_path / "path", "save": tmp_path / "bent.pvd"}
+    result = solve_static(bent(), steps=3, overwrite=True, quiet=True, **both)
+    assert len(list((tmp_path / "path").iterdir())) == len(result.history)
+
+
+def other_systems():
+    mesh = bent().mesh
+    material, weight, pull = bent().terms
+    wall = {"wall": "xyz"}
+    yield "the mesh", System(bent(n=3).mesh, bent().terms, fixed=wall)
+    yield "the elastic terms", System(mesh, [StVK(young=1.0001e4, poisson=0.3, density=1.0), weight, pull], fixed=wall)
+    yield "the loads", System(mesh, [material, Gravity(g=(0, 0, -5.001)), pull], fixed=wall)
+    yield "the loads", System(mesh, [material, weight, Traction("tip", (30.0, -20.0, -60.1))], fixed=wall)
+    yield "the supports", System(mesh, [material, weight, pull], fixed={"wall": "xyz", "tip": "x"})
+    yield "prescribed", System(mesh, [material, weight, pull], fixed=wall, prescribed={"tip": {"y": 0.1}})
+
+
+@pytest.mark.parametrize("number", range(6))
+def test_the_path_of_another_system_is_refused(tmp_path, number):
+    what, other = list(other_systems())[number]
+    solve_static(bent(), steps=3, checkpoint=tmp_path / "path", quiet=True)
+    with pytest.raises(StvkError, match=f"another problem: .*{what}"):
+        solve_static(other, steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True)
+
+
+def test_another_mesh_of_the_same_size_is_refused(tmp_path):
+    system = bent()
+    solve_static(system, steps=3, checkpoint=tmp_path / "path", quiet=True)
+    p = system.mesh.p.copy()
+    p[:, 40] += 1e-4
+    mesh = type(system.mesh)(p, system.mesh.t, boundaries=dict(system.mesh.boundaries))
+    with pytest.raises(StvkError, match="another problem"):
+        solve_static(
+            System(mesh, system.terms, fixed={"wall": "xyz"}), steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True
+        )
+
+
+@pytest.mark.parametrize("changed", [{"steps": 4}, {"rtol": 1e-6}, {"solver": "pardiso"}, {"method": "arc-length"}])
+def test_other_options_of_the_path_are_refused(tmp_path, changed):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True, "solver": "superlu"}
+    solve_static(bent(), **call)
+    name = next(iter(changed))
+    with pytest.raises(StvkError, match=f"another problem: .*{name} was"):
+        solve_static(bent(), resume=True, **(call | changed))
+
+
+def test_files_that_cannot_be_read_are_named(tmp_path):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), **call)
+    broken = sorted((tmp_path / "path").glob("state_*.npz"))[1]
+    broken.write_bytes(broken.read_bytes()[:100])
+    with pytest.raises(StvkError, match=r"state_00001.npz cannot be read.*Remove it and all later states"):
+        solve_static(bent(), resume=True, **call)
+
+
+def test_a_folder_that_cannot_be_created_is_refused_before_the_solve(tmp_path):
+    with pytest.raises(StvkError, match="cannot be written"):
+        solve_static(bent(), checkpoint=tmp_path / "missing" / "path", quiet=True)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(StvkError, match="cannot be written"):
+        solve_static(bent(), checkpoint=tmp_path / "file", quiet=True)
+
+
+def test_resume_needs_a_folder():
+    with pytest.raises(StvkError, match="resume = True; expected a checkpoint"):
+        solve_static(bent(), resume=True)
+    with pytest.raises(StvkError, match="checkpoint = 3"):
+        solve_static(bent(), checkpoint=3)
+
+
+def test_a_full_disk_keeps_the_saved_states(tmp_path, monkeypatch):
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
+
+    call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
+    original_add = checkpoint.PathCheckpoint.add
+
+    def add(self, step, saved):
+        if self._count == 2:
+            monkeypatch.setattr(np, "savez", full)
+        original_add(self, step, saved)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint.PathCheckpoint, "add", add)
+        with pytest.raises(SolveError, match="No space left"):
+            solve_static(bent(), **call)
+    monkeypatch.undo()
+    assert len(list((tmp_path / "path").glob("*.npz"))) == 2
+    assert solve_static(bent(), resume=True, **call).success
+
+
+def test_ctrl_c_keeps_the_states(tmp_path, monkeypatch):
+    original_add = checkpoint.PathCheckpoint.add
+
+    def add(self, step, saved):
+        original_add(self, step, saved)
+        if self._count == 2:
+            raise KeyboardInterrupt
+
+    call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
+    with monkeypatch.context() as patch:
+        patch.setattr(checkpoint.PathCheckpoint, "add", add)
+        with pytest.raises(Interrupted) as stopped:
+            solve_static(bent(), **call)
+    assert len(stopped.value.result.history) == 2
+    same(solve_static(bent(), steps=8, **OPTIONS), solve_static(bent(), resume=True, **call))
+
+
+RUN = """
+import sys, time
+sys.path[:0] = sys.argv[2:]
+from beams import bent
+from skfem_stvk import solve_static
+solve_static(bent(n=3), steps=60, checkpoint=sys.argv[1], solver="superlu", quiet=True)
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no signal that cannot be caught")
+def test_a_killed_run_keeps_its_states(tmp_path):
+    here = os.path.dirname(os.path.abspath(__file__))
+    folder = tmp_path / "path"
+    run = subprocess.Popen([sys.executable, "-c", RUN, str(folder), here, os.path.dirname(here)])
+    begin = time.time()
+    while len(list(folder.glob("state_*.npz"))) < 3 and time.time() - begin < 300 and run.poll() is None:
+        time.sleep(0.002)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    saved_before = len(list(folder.glob("state_*.npz")))
+    assert saved_before >= 3
+    options = {"steps": 60, "solver": "superlu", "quiet": True}
+    resumed = solve_static(bent(n=3), checkpoint=folder, resume=True, **options)
+    assert resumed.success and len(resumed.history) >= saved_before
+    same(solve_static(bent(n=3), **options), resumed)
+
+
+def pushed(vertex, force, move):
+    mesh = bent().mesh
+    terms = [StVK(young=1e4, poisson=0.3), NodalLoad([vertex], force)]
+    return System(mesh, terms, fixed={"wall": "xyz"}, prescribed={"tip": {"x": move}})
+
+
+@pytest.mark.parametrize(
+    ("changed", "what"),
+    [
+        ({"vertex": 51}, "loads"),
+        ({"force": (0, 0, 3.0)}, "loads"),
+        ({"move": -0.1}, "prescribed"),
+        ({"force": (0, -3.0, 0)}, "loads"),
+    ],
+)
+def test_a_load_at_another_location_or_of_another_sign_is_refused(tmp_path, changed, what):
+    given = {"vertex": 50, "force": (0, 0, -3.0), "move": 0.1}
+    solve_static(pushed(**given), steps=2, checkpoint=tmp_path / "path", quiet=True)
+    with pytest.raises(StvkError, match=f"another problem: .*{what}"):
+        solve_static(pushed(**(given | changed)), steps=2, checkpoint=tmp_path / "path", resume=True, quiet=True)
+
+
+def test_another_start_is_refused(tmp_path):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), u0=np.full(297, 1e-3), **call)
+    with pytest.raises(StvkError, match="another problem: u0"):
+        solve_static(bent(), u0=np.full(297, -1e-3), resume=True, **call)
+
+
+@pytest.mark.parametrize("stop", [{"states": 5}, {"turns": 1}])
+def test_a_stop_that_was_passed_ends_the_path_at_once(tmp_path, monkeypatch, stop):
+    from skfem_stvk.solvers.statics import stop as stops
+
+    monkeypatch.setattr(stops, "MOST_STATES", 40)
+    call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True}
+    first = solve_static(bar(), stop=Stop(turns=2), **call)
+    again = solve_static(bar(), stop=Stop(**stop), resume=True, **call)
+    assert len(again.history) == len(first.history)
+
+
+def test_a_path_with_falling_load_is_resumed_with_its_direction_and_count(tmp_path, monkeypatch):
+    call = {"steps": 20, "method": "arc-length", "stop": Stop(states=9), **OPTIONS}
+    whole = solve_static(bar(), **call)
+    assert whole.history.t[-1] < whole.history.t[-2], "the load factor falls"
+    stopped_after(monkeypatch, 8, system=bar(), checkpoint=tmp_path / "path", **call)
+    same(whole, solve_static(bar(), checkpoint=tmp_path / "path", resume=True, **call))
+
+
+def test_a_state_that_is_missing_is_named_and_nothing_is_overwritten(tmp_path):
+    call = {"steps": 20, "method": "arc-length", "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bar(), stop=Stop(turns=1), **call)
+    (tmp_path / "path" / "state_00002.npz").unlink()
+    saved_before = {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
+    with pytest.raises(StvkError, match=r"no state_00002.npz"):
+        solve_static(bar(), stop=Stop(turns=2), resume=True, **call)
+    assert saved_before == {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
+
+
+def test_an_empty_file_is_named(tmp_path):
+    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), **call)
+    (tmp_path / "path" / "state_00001.npz").write_bytes(b"")
+    with pytest.raises(StvkError, match=r"state_00001.npz cannot be read"):
+        solve_static(bent(), resume=True, **call)
+
+
+def test_a_series_requested_on_resume_has_all_states_and_no_older_ones(tmp_path):
+    call = {"steps": 6, "checkpoint": tmp_path / "path", "overwrite": True, "quiet": True}
+    solve_static(bent(load=(0, 0, -1.0)), steps=40, save=tmp_path / "bent.pvd", quiet=True)
+    for _ in range(2):
+        result = solve_static(bent(), resume=True, save=tmp_path / "bent.pvd", **call)
+        files = sorted(tmp_path.glob("bent_*.vtu"))
+        assert len(files) == len(result.history) == (tmp_path / "bent.pvd").read_text().count("DataSet")
+        (tmp_path / "bent.pvd").unlink()
+        for file in files:
+            file.unlink()
+
+
+def continuation_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
+    problem = Equilibrium(system, solver or SuperLU(), Stopwatch())
+    course = ContinuationOptions(1 / steps, 1e-8, Monitors(system, False), stability, lambda *_: None)
+    begin = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, course
+    return ArcLength(*begin, StopCriterion(Stop(load=1.0), system)) if method == "arc-length" else LoadSteps(*begin)
+
+
+def state_of(continuation):
+    """Return all numbers and arrays that determine the next states of a continuation."""
+    numbers = {
+        "t": continuation.t,
+        "size": continuation._size,
+        "first": continuation._first,
+        "reached": continuation.reached,
+        "allowed": continuation._allowed,
+    }
+    point = continuation._point
+    numbers |= {"largest": continuation.problem.largest, "point t": point.t, "negative": point.negative, "lowest": point.lowest}
+    arrays = {"u": continuation.u, "point u": point.u}
+    if isinstance(continuation, ArcLength):
+        numbers |= {"turns": continuation._limit_points, "states": continuation._states}
+        if continuation._tangent is not None:
+            numbers |= {"rate": continuation._tangent.rate, "ahead": continuation._tangent.negative}
+            arrays["direction"] = continuation._tangent.direction
+    else:
+        numbers |= {
+            "full first": continuation._full_first,
+            "before": None if continuation._previous is None else continuation._previous[0],
+        }
+        if continuation._previous is not None:
+            arrays["u before"] = continuation._previous[1]
+    return numbers, arrays
+
+
+def mirrored():
+    """Return a body, and a start in which the body is reflected at its wall, with all elements inverted."""
+    system = bent(load=(1e-3, 0, 0))
+    u0 = np.zeros((system.mesh.nv, 3))
+    u0[:, 0] = -2 * system.mesh.p[0]
+    return system, {"u0": u0.ravel()}
+
+
+def released():
+    """Return a body with loads that return to zero, so that the largest force on the path is not that of the last state."""
+    terms = [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (0, 0, -200 * t * (1 - t)))]
+    return System(bent().mesh, terms, fixed={"wall": "xyz"}), {}
+
+
+CONTINUATIONS = {
+    "bending": lambda: (bent(), {}),
+    "crushing": lambda: (block(0.4, n=3), {}),
+    "snap-through": lambda: (bar(), {}),
+    "buckling": lambda: (column(1.3 * CRITICAL), {}),
+    "a start": lambda: (bent(), {"u0": np.full(297, 1e-3), "t0": 0.1}),
+    "a mirrored start": mirrored,
+    "loads that go": released,
+    "eigenvalues": lambda: (column(1.3 * CRITICAL, imperfection=1e-3), {"solver": AmgCg(), "stability": True}),
+}
+
+
+@pytest.mark.filterwarnings("ignore:From t")
+@pytest.mark.parametrize(
+    ("scene", "method"),
+    [(scene, "load-steps") for scene in CONTINUATIONS]
+    + [(scene, "arc-length") for scene in CONTINUATIONS if scene != "eigenvalues"],  # this case uses CG
+)
+def test_after_each_state_a_restored_continuation_has_the_same_state(tmp_path, scene, method):
+    system, options = CONTINUATIONS[scene]()
+    continuation, found = continuation_of(system, method, 5, **options), 0
+    problem = Fingerprint("path of equilibria", system, {"method": method, "steps": 5, "rtol": 1e-8}, (0.5, 1.0), {})
+    keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, OutputFiles(None, None, False, False)).__enter__()
+    for outcome in continuation.states(resumed=False):
+        if not isinstance(outcome, Step):
+            continue
+        keep.add(outcome, continuation.saved())
+        other = continuation_of(CONTINUATIONS[scene]()[0], method, 5, **options)
+        keep.__exit__(None, None, None)
+        keep = checkpoint.PathCheckpoint(tmp_path / "path", system, problem, OutputFiles(None, None, True, False)).__enter__()
+        other.resume(keep.steps, keep.saved)
+        (numbers, arrays), (others, other_arrays) = state_of(continuation), state_of(other)
+        assert others == numbers and other_arrays.keys() == arrays.keys()
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(other_arrays[name], array, err_msg=name)
+        found += 1
+        if found == 12:
+            break
+    assert found >= 2
+
+
+def test_a_load_with_another_growth_is_refused(tmp_path):
+    def system(power):
+        terms = [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (0, 0, -20 * t**power))]
+        return System(bent().mesh, terms, fixed={"wall": "xyz"})
+
+    solve_static(system(1), steps=2, checkpoint=tmp_path / "path", quiet=True)
+    with pytest.raises(StvkError, match=r"the loads at t = 0.5 changed"):
+        solve_static(system(2), steps=2, checkpoint=tmp_path / "path", resume=True, quiet=True)
+
+
+def test_another_load_factor_at_the_start_is_refused(tmp_path):
+    call = {"u0": np.zeros(297), "steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
+    solve_static(bent(), t0=0.1, **call)
+    with pytest.raises(StvkError, match=r"another problem: t0 was 0\.1 and is 0\.2"):
+        solve_static(bent(), t0=0.2, resume=True, **call)
+
+
+def test_files_of_a_path_with_falling_load_are_in_its_order(tmp_path):
+    import xml.etree.ElementTree as ET
+
+    solve_static(bar(), steps=20, method="arc-length", stop=Stop(turns=1), save=tmp_path / "bar.pvd", quiet=True)
+    times = [float(item.attrib["timestep"]) for item in ET.parse(tmp_path / "bar.pvd").iter("DataSet")]
+    assert times == list(range(1, len(times) + 1))
+
+
+@pytest.mark.parametrize("law", [{"rotation": "vertex"}, {"extend": "stress"}])
+def test_a_path_of_a_body_without_an_energy_is_resumed(tmp_path, law):
+    mesh, kind = beam(1), Corotated if "rotation" in law else InvertibleStVK
+    half, others = np.arange(0, mesh.nt, 2), np.arange(1, mesh.nt, 2)
+    terms = [kind(young=1e4, poisson=0.3, region=half, **law), StVK(young=1e4, poisson=0.3, region=others)]
+    system = System(mesh, [*terms, Traction("tip", (3.0, -2.0, -4.0))], fixed={"wall": "xyz"})
+    first = solve_static(system, 3, checkpoint=tmp_path / "path", quiet=True)
+    again = solve_static(system, 3, checkpoint=tmp_path / "path", resume=True, quiet=True)
+    listed = first.energies()
+    assert np.isnan([step.strain_energy for step in first.history]).all() and len(again.history) == len(first.history) > 1
+    assert np.isnan(listed[f"{kind.__name__} 0"]) and listed["StVK 1"] > 0
+    np.testing.assert_array_equal(again.u, first.u)
+
+
+@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg"])
+def test_a_path_is_resumed_bitwise_with_each_solver(solver):
+    assert resumed.path(solver) == 0
