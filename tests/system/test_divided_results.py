@@ -234,9 +234,9 @@ def test_rigid_modes_turn_about_the_centre_of_the_whole_body(how):
 
 @divided
 @pytest.mark.parametrize("with_shift", [False, True])
-@pytest.mark.parametrize("make", [grounded, free_body], ids=["functions", "compiled"])
+@pytest.mark.parametrize("make", [grounded, free_body])
 def test_an_iteration_of_conjugate_gradients_has_two_reductions(make, with_shift, how):
-    """A body of one term has compiled pieces. Both loops find the solution of the whole body, with a mass on the diagonal, too."""
+    """The loop finds the solution of the whole body, with a mass on the diagonal, too."""
     body = Division("tetrahedra", how)
     b, x0 = np.random.default_rng(5).standard_normal((2, body.mesh.p.size))
 
@@ -251,14 +251,13 @@ def test_an_iteration_of_conjugate_gradients_has_two_reductions(make, with_shift
         again = factors.solve(b[dofs][free.free], 1e-11, x0[dofs][free.free])
         x, y, z = np.zeros((3, system.ndofs))
         x[free.free], y[free.free], z[free.free] = first.x, again.x, factors.precondition(b[dofs][free.free])
-        return np.stack([x, y, z], axis=1), first.iterations, count, type(factors).__name__
+        return np.stack([x, y, z], axis=1), first.iterations, count
 
     found, (x, iterations, *_) = body.run(solve, make)
     of_parts = combined([(dofs, own) for dofs, (own, *_) in found], x.shape)
     np.testing.assert_allclose(of_parts, x, rtol=0, atol=1e-8 * abs(x).max())
-    for _, (_, own, reductions, loop) in found:
+    for _, (_, own, reductions) in found:
         assert abs(own - iterations) <= 2 and 2 * own <= reductions <= 2 * own + 6
-        assert loop == ("EdgeFactors" if make is free_body else "BlockJacobiFactors")
 
 
 @divided
