@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from validation.protection import FIRST, NONE, SLOW, Study, report
+from validation.protection import Study, report
 from validation.protection.mutants import KINDS, Finder, drawn, kernels_with
 
 ROOT = Path(__file__).parents[2]
@@ -112,7 +112,7 @@ def test_kernels_are_found_that_contain_a_piece():
     (one,) = (one for one in drawn(ROOT) if one.name == "kernels/operator")
     kernels = kernels_with(one, ROOT)
     assert one.function in kernels
-    
+
 
 def test_faults_are_caught_by_the_tests_that_run_them_and_a_stopped_run_goes_on(toy, capsys, monkeypatch):
     study = toy()
@@ -120,7 +120,9 @@ def test_faults_are_caught_by_the_tests_that_run_them_and_a_stopped_run_goes_on(
     print(study.verdicts)
     study = toy()
     study.judge(study.mutants)
-    for v in study.verdicts.values(): print(v)
+    for v in study.verdicts.values():
+        print(v)
     from rich.console import Console
+
     report(study.verdicts.values(), Console())
     assert 0
