@@ -160,7 +160,6 @@ WARNINGS = {
             "Pass the `save` of the first run to continue its series.",
         ),
         ("is missing and cannot be restored", "a resumed series without one of its states", "Start again if you need this state."),
-        ("is supported until version 1.0", "a checkpoint named by its file", "Pass the folder that the message names."),
     ),
     "Results and files": (
         ("leaves no thickness", "membranes stretched so far that no thickness is left", "Check the units of loads and moduli."),

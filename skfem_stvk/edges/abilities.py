@@ -17,7 +17,8 @@ from ..kernels import stretches as stretch_kernels
 from ..kernels.discrete_gradient import DiscreteGradient
 from ..kernels.element_assembly import MeanStress, StressOfRates
 from ..kernels.lanes import LANES, MeanPoints
-from ..kernels.laws import IsotropicLaw, law_size
+from ..kernels.laws import law_size
+from ..kernels.st_venant_kirchhoff import IsotropicLaw
 from ..kernels.tension_fields import TensionLaw
 from ..kernels.threads import locked, run
 from .assembly import Assembly, offering

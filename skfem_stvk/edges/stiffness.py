@@ -20,7 +20,7 @@ from numpy.typing import DTypeLike, NDArray
 from ..arguments import Array
 from ..errors import MaterialError, name_ids
 from ..kernels.corotated_law import FramedLaw
-from ..kernels.laws import GeneralLaw, IsotropicLaw
+from ..kernels.st_venant_kirchhoff import GeneralLaw, IsotropicLaw
 from ..kernels.svd import CABLE, LINE, MEMBRANE, SHEET, Flat
 from ..mesh.element import LOCAL_EDGES
 from ..mesh.geometry import Geometry

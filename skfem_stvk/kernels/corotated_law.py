@@ -10,7 +10,6 @@ from .compiled import Reals, by_type, inlined
 from .lanes import LANES, add, dot, times, vectors
 from .laws import (
     FORMULAS,
-    IsotropicLaw,
     axis_forces,
     base_vector_stiffness,
     combination,
@@ -23,6 +22,7 @@ from .laws import (
     stress,
 )
 from .principal import lame, of_stretches, stretch_response
+from .st_venant_kirchhoff import IsotropicLaw
 from .svd import decompose, present
 
 

@@ -15,8 +15,6 @@ from typing import Any, NamedTuple
 from .compiled import Reals, by_type
 from .laws import (
     FORMULAS,
-    GeneralLaw,
-    IsotropicLaw,
     axis_forces,
     base_vector_stiffness,
     contracted,
@@ -28,6 +26,7 @@ from .laws import (
     stress,
     stress_magnitudes,
 )
+from .st_venant_kirchhoff import GeneralLaw, IsotropicLaw
 
 
 class LinearIsotropicLaw(NamedTuple):

@@ -29,7 +29,7 @@ NO_ROOM = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
 LAWS = """
 import numpy as np
 from skfem_stvk.kernels.lanes import LANES, MeanPoints, Points
-from skfem_stvk.kernels.laws import GeneralLaw, IsotropicLaw
+from skfem_stvk.kernels.st_venant_kirchhoff import GeneralLaw, IsotropicLaw
 from skfem_stvk.kernels.element_assembly import energy_and_force
 NUMBERS = {{IsotropicLaw: [1, 2], GeneralLaw: [3, 1, 1, 0, 0, 0, 3, 1, 0, 0, 0, 3, 0, 0, 0, 2, 0, 0, 2, 0, 2]}}
 t, X = np.repeat(np.arange(4, dtype=np.uint32), LANES), np.array([0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1.0])
@@ -78,7 +78,7 @@ def cache(tmp_path_factory):
 @pytest.mark.parametrize("damage", slow_but({"an index cut off", "code with one bit flipped"}, DAMAGE))
 def test_a_damaged_cache_is_reported_deleted_and_compiled_again(damage, cache):
     suffix, change = DAMAGE[damage]
-    (file,) = [file for file in cache.rglob(f"*.{suffix}") if file.name.startswith("topology.lexicographic_order")]
+    (file,) = [file for file in cache.rglob(f"*.{suffix}") if file.name.startswith("simplex_topology.lexicographic_order")]
     whole = file.read_bytes()
     file.write_bytes(change(whole))
     words = messages_of(KERNEL, cache)

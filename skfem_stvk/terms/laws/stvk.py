@@ -15,7 +15,7 @@ from ...edges.abilities import STVK, TENSION
 from ...edges.materials import FramedMaterial, Isotropic
 from ...edges.stiffness import AnisotropicStiffness, IsotropicStiffness
 from ...errors import MaterialError
-from ...kernels.laws import IsotropicLaw
+from ...kernels.st_venant_kirchhoff import IsotropicLaw
 from ...kernels.tension_fields import TensionLaw
 from ...mesh import ElementMesh
 from ..protocols import Deformation, PointResponse

@@ -19,11 +19,11 @@ from skfem_stvk.solvers.dynamics import motion_checkpoint as checkpoint
 
 #: Modules of this package that write during a run.
 WRITERS = (
-    "outputs.py",
+    "motion_outputs.py",
     "series.py",
-    "files.py",
+    "complete_files.py",
     "ledger.py",
-    "checkpoint.py",
+    "motion_checkpoint.py",
     "store.py",
     "vtu.py",
     "one_writer.py",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bodies import BODIES, CURVED, MESHES, box, random_frames, state
-from solvers.statics.scenes import block
+from solvers.statics.beams import block
 
 from skfem_stvk import (
     Anisotropic,
