@@ -577,7 +577,7 @@ class Simulation:
         StvkError
             if the checkpoint is missing or damaged, or of another problem.
         """
-        from .motion_checkpoint import file_of, load  # imports pydantic, only if there are files
+        from .motion_checkpoint import load  # imports pydantic, only if there are files
         from .resumed import restored
 
         file, body = path_of("path", path) / MOTION_FILE, _body(system)
