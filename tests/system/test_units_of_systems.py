@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 import skfem
+from skfem_stvk.results.state_files import read_state
 
 from skfem_stvk import (
     BackwardEuler,
@@ -28,7 +29,6 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.results import animate
-from skfem_stvk.results.state_files import read_state
 from skfem_stvk.results.vtu import write_mesh
 from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.solvers.dynamics.ledger import Ledger, unit_of

@@ -206,6 +206,7 @@ class Loop:
             status = Status.ENDED_INVERTED
         message = self._units.text(self._message(status, detail, cause, findings))
         return Run(
+            system=setup.motion.system,
             motion=setup.motion,
             integrator=setup.integrator,
             u=u.copy(),
