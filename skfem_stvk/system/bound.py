@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, number, whole_array
+from ..edges.bound_term import Bound, BoundElements, BoundTerm, bound, joined, with_blocks
 from ..edges.elements import Quadrature
-from ..edges.pairs import AccumulatedTerm, joined, with_blocks
 from ..errors import ContactError, RegionError, StvkError, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
@@ -20,18 +20,13 @@ from ..space import Space
 from ..terms import (
     Body,
     BoundLoad,
-    BoundTerm,
-    CanRemove,
     DoesWork,
-    Grounded,
     HasContact,
-    HasHistory,
-    HasStretch,
-    HasVolume,
     Load,
     Term,
     is_load,
 )
+from ..terms.bound_load import bound_load
 from ..terms.connectivity import Connected
 from ..terms.loads.load import Moment, Time
 from ..terms.protocols import Assumption, set_time
@@ -72,21 +67,43 @@ class BoundTerms:
         self.body = Body(mesh, self._terms_on(0), quadrature, others)
         bodies = (self.body, *others)
         self.bound_terms: tuple[BoundTerm, ...] = tuple(
-            term.bind(bodies[number], self.dtype) for number, term in zip(self._of, self.elastic_terms, strict=True)
+            bound(term.bind(bodies[number], self.dtype)) for number, term in zip(self._of, self.elastic_terms, strict=True)
         )
         names = [contact.name for contact in self.contacts]
         if len(set(names)) < len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             listed = ", ".join(f"name = {name!r}" for name in twice)
             raise ContactError(f"{listed}: several contacts; expected a name of its own for each, such as name='floor'.")
-        self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self.body) for load in self.loads)
+        self.bound_loads: tuple[BoundLoad, ...] = tuple(bound_load(load.bind(self.body)) for load in self.loads)
+        self._sort()
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
         self._used = np.zeros(mesh.nv, dtype=bool)
-        for bound in self.bound_terms:
-            self._used[bound.nodes_paired.ravel()] = True
+        for term in self.bound_terms:
+            self._used[term.nodes_paired.ravel()] = True
         bare = self.space.share(self._used.astype(float)) == 0
         if self.space.comm.any(bool(bare.any())):
             warn(f"{mesh.name_nodes(bare)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
+
+    def _sort(self) -> None:
+        """Sort the bound terms and loads by what they can do.
+
+        Of the terms with volumes, those are listed with the ids of their elements that have elements of no earlier term; most often
+        the first term covers all elements.
+        """
+        every: tuple[Bound, ...] = (*self.bound_terms, *self.bound_loads)
+        #: Terms that tie the body to the ground, such as foundations.
+        self.foundations = [term for term in self.bound_terms if term.grounded is not None]
+        self._with_history = [one for one in every if one.has_history]
+        self._with_changing_pairs = [one for one in every if one.pairs_change]
+        specified = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
+        self.on_elements = [(number, of, term) for number, of, term in specified if isinstance(term, BoundElements)]
+        self._with_volume: list[tuple[NDArray[np.int64], BoundElements]] = []
+        known = np.zeros(self.mesh.nt, dtype=bool)
+        for specification, term in self._on_elements_of_mesh:
+            elements = self.mesh.elements(specification.region)
+            if not known[elements].all():
+                self._with_volume.append((elements, term))
+            known[elements] = True
 
     @property
     def space(self) -> Space:
@@ -102,6 +119,10 @@ class BoundTerms:
         """Elastic terms on the elements of the mesh: pairs of specification and bound term."""
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         return [(specification, term) for number, specification, term in every if number == 0]
+
+    @property
+    def _on_elements_of_mesh(self) -> list[tuple[Any, BoundElements]]:
+        return [(specification, term) for number, specification, term in self.on_elements if number == 0]
 
     @property
     def removed(self) -> NDArray[np.int64]:
@@ -131,16 +152,16 @@ class BoundTerms:
 
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
-        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not isinstance(bound, CanRemove)]
+        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not bound.removable]
         unsupported += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
-            if not isinstance(bound, CanRemove) and (isinstance(bound, HasHistory) or hasattr(bound, "pattern_version"))
+            if not bound.removable and (bound.has_history or bound.pairs_change)
         ]
         if unsupported:
             raise StvkError(
                 f"{', '.join(unsupported)}: elements cannot be removed from it; expected a method without(removed), as in "
-                "skfem_stvk.terms.CanRemove; or build a System of the mesh without these elements."
+                "skfem_stvk.edges.bound_term.Bound; or build a System of the mesh without these elements."
             )
 
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
@@ -148,19 +169,19 @@ class BoundTerms:
         removed = self.body.removed.copy()
         removed[elements] = True
 
-        def remaining(specification: Any, bound: CanRemove) -> Any:
+        def remaining(specification: Any, bound: Any) -> Any:
             return bound.without(removed[self.mesh.elements(getattr(specification, "region", None))])
 
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
-        terms = [term if number else remaining(specification, cast(CanRemove, term)) for number, specification, term in every]
+        terms = [term if number else remaining(specification, term) for number, specification, term in every]
         joined_nodes = np.zeros(self.mesh.nv, dtype=bool)
         for term in terms:
             joined_nodes[joined(term).ravel()] = True
-            if isinstance(term, Grounded):
+            if term.grounded is not None:
                 joined_nodes[term.grounded // self.mesh.d] = True
         self.body = self.body.without(removed, self._used & ~joined_nodes)
         loads = [
-            remaining(load, bound) if isinstance(bound, CanRemove) else load.bind(self.body)
+            remaining(load, bound) if bound.removable else bound_load(load.bind(self.body))
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
         ]
         self._replace_bound(terms, loads)
@@ -168,11 +189,9 @@ class BoundTerms:
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[BoundLoad]) -> None:
         """Replace the bound terms and loads of a copy by others that couple the same pairs."""
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
-        self.pair_terms = tuple(
-            pairs.with_term(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
-            for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
-        )
-        for name in ("_with_changing_pairs", "_with_history", "_with_volume", "contacts", "working_contacts"):
+        self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
+        self._sort()
+        for name in ("contacts", "working_contacts"):
             self.__dict__.pop(name, None)
 
     @property
@@ -203,7 +222,7 @@ class BoundTerms:
     @property
     def constant_tangent(self) -> bool:
         """Whether the Jacobian is the same at all displacements and times: linear terms under dead loads."""
-        return self.dead and all(getattr(term, "constant_tangent", False) for term in self.bound_terms)
+        return self.dead and all(term.constant_tangent for term in self.bound_terms)
 
     @property
     def _elastic(self) -> bool:
@@ -226,15 +245,6 @@ class BoundTerms:
             raise ValueError(f"it has the histories of {len(history)} terms; expected {len(self._with_history)}")
         for term, one in zip(self._with_history, history, strict=True):
             term.history = one
-
-    @cached_property
-    def _with_history(self) -> list[HasHistory]:
-        return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasHistory)]
-
-    @cached_property
-    def _with_changing_pairs(self) -> list[Any]:
-        """Terms and loads that couple other nodes as the body moves, such as contacts between bodies."""
-        return [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """Return the smallest volume ratio `J` of an element at `u` to rest; an element with `J < 0` is inverted.
@@ -326,8 +336,7 @@ class BoundTerms:
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body softens: under uniaxial compression more shortening takes less force.
         """
         x = self._state(u)
-        stretches = (term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch))
-        return self.space.comm.least(min(stretches, default=np.inf))
+        return self.space.comm.least(min((term.smallest_stretch(x) for _, term in self._on_elements_of_mesh), default=np.inf))
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
@@ -340,23 +349,10 @@ class BoundTerms:
         """Return the ids of `compressed` in this part of a divided body."""
         x, below = self._state(u), number("below", below, "a finite stretch")
         ids = [np.empty(0, dtype=np.int64)]
-        for specification, term in self._on_mesh:
-            if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
+        for specification, term in self._on_elements_of_mesh:
+            if term.smallest_stretch(x) < below:
                 ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
         return np.unique(np.concatenate(ids))
-
-    @cached_property
-    def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
-        """Terms that provide volume ratios, and the ids of their elements; most often the first term covers all elements."""
-        retained: list[tuple[NDArray[np.int64], HasVolume]] = []
-        known = np.zeros(self.mesh.nt, dtype=bool)
-        for specification, term in self._on_mesh:
-            if isinstance(term, HasVolume):
-                elements = self.mesh.elements(specification.region)
-                if not known[elements].all():
-                    retained.append((elements, term))
-                known[elements] = True
-        return retained
 
     @property
     def _named(self) -> list[tuple[str, Any]]:

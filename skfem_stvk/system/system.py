@@ -17,8 +17,9 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
+from ..edges.bound_term import joined
 from ..edges.elements import checked_quadrature, nbytes
-from ..edges.pairs import AccumulatedBlocks, joined, look_at, version_of
+from ..edges.pairs import AccumulatedBlocks, PairTerm
 from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import CopyableLock, locked
 from ..mesh import ElementMesh, MeshLike
@@ -27,18 +28,12 @@ from ..mesh.displacements import array_to_fill, by_vertex
 from ..mesh.locations import DofsView, describe
 from ..terminal import html_table
 from ..terms import (
-    FollowerLoad,
-    Grounded,
+    BoundLoad,
     HasContact,
-    HasHistory,
-    HasMemory,
-    HasRoundOff,
     HasStress,
     HoldsShape,
     Load,
     MeshContact,
-    Quartic,
-    TakesTime,
     Term,
     is_load,
 )
@@ -46,7 +41,7 @@ from ..terms.connectivity import connected
 from ..terms.loads.load import Moment, Time
 from ..terms.loads.rigid_contact import BoundRigidContact, Displacement
 from ..terms.protocols import set_time
-from ..units import UNITS, questions
+from ..units import UNITS, implausible_moduli
 from .bound import BoundTerms, checked_terms
 from .divided import refuse_divided
 from .mass import KINDS, Mass
@@ -246,7 +241,7 @@ class System(BoundTerms):
             return self
 
         def begun(term: Any) -> Any:
-            if isinstance(term, HasHistory):
+            if term.has_history:
                 return term.with_new_history(in_time)
             return copy(term) if isinstance(term, HasContact) else term
 
@@ -291,8 +286,8 @@ class System(BoundTerms):
         """
         return MappingProxyType(self._made_of)
 
-    def _bound_follower_loads(self) -> list[FollowerLoad]:
-        return [load for load in self.bound_loads if isinstance(load, FollowerLoad)]
+    def _bound_follower_loads(self) -> list[BoundLoad]:
+        return [load for load in self.bound_loads if not load.dead]
 
     def prescribe(self, u: Array, t: Time) -> Array:
         """Write the displacements of supports to `u` in place; return `u`.
@@ -315,7 +310,7 @@ class System(BoundTerms):
     @property
     def pattern_version(self) -> int:
         """Number of changes of the node couplings by terms; data computed for a pattern are valid for one version."""
-        return sum(map(version_of, self._with_changing_pairs))
+        return sum(term.pattern_version for term in self._with_changing_pairs)
 
     def look(self, u: ArrayLike) -> None:
         """Let terms whose pairs follow the body, such as contacts, couple those of the tangent at displacements `u`.
@@ -333,7 +328,12 @@ class System(BoundTerms):
             as `energy`.
         """
         if self._with_changing_pairs:
-            look_at(self._with_changing_pairs, self._state(u))
+            self._look(self._state(u))
+
+    def _look(self, x: Array) -> None:
+        """Let the terms whose pairs follow the body couple those that their stiffness at `x` (nv, d) contains."""
+        for term in self._with_changing_pairs:
+            term.look(x)
 
     @property
     @locked
@@ -435,7 +435,7 @@ class System(BoundTerms):
             if `out` has another pattern.
         """
         x = self._state(u)
-        look_at(self._with_changing_pairs, x)
+        self._look(x)
         if free is not None:
             return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
         K, rows_of_terms = self._matrix(out, self.pattern), self._rows()[0]
@@ -464,7 +464,7 @@ class System(BoundTerms):
         """
         self._refuse_without_energy()
         x = self._state(u)
-        look_at(self._with_changing_pairs, x)
+        self._look(x)
         K, rows_of_terms, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
 
         def of_part() -> float:
@@ -497,7 +497,7 @@ class System(BoundTerms):
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
             self._operator = self.linear_operator(u)
-        elif self.space.comm.any(not self._operator.is_at(x)) or any(isinstance(term, TakesTime) for term in self.bound_terms):
+        elif self.space.comm.any(not self._operator.is_at(x)) or any(term.takes_time for term in self.bound_terms):
             self._operator.prepare(u)
         product = self._operator.matvec(y)
         self.space.comm.together(refuse_overflow, product, "K v", x)
@@ -636,7 +636,7 @@ class System(BoundTerms):
             if `out` has another pattern.
         """
         moment, factors, x = self._moment(t), _checked_tensions(kept), self._state(u)
-        look_at(self._with_changing_pairs, x)
+        self._look(x)
         if free is not None:
             return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
         K, (rows_of_terms, of_loads) = self._matrix(out, self.pattern), self._rows()
@@ -759,9 +759,8 @@ class System(BoundTerms):
         for where, dofs in self.supports.entries:
             add(where, np.concatenate([dofs, tied[np.isin(tied // d, dofs // d)]]))
         alone = tied[counts[tied] == 0]
-        for term in self.bound_terms:
-            if isinstance(term, Grounded):
-                add(getattr(term, "where", None), np.intersect1d(alone, self.space.union(term.grounded, self.ndofs)))
+        for term in self.foundations:
+            add(term.where, np.intersect1d(alone, self.space.union(term.grounded, self.ndofs)))
         return found, counts
 
     def foundation_force(self, u: ArrayLike) -> Array:
@@ -777,8 +776,7 @@ class System(BoundTerms):
         StateError
             as `energy`.
         """
-        grounding = [term for term in self.bound_terms if isinstance(term, Grounded)]
-        return self._force_on_body(grounding, u, "The force of foundations")
+        return self._force_on_body(self.foundations, u, "The force of foundations")
 
     def contact_force(self, u: ArrayLike) -> Array:
         """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force.
@@ -806,7 +804,7 @@ class System(BoundTerms):
     @property
     def quartic(self) -> bool:
         """Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not."""
-        return all(isinstance(term, Quartic) for term in self.bound_terms)
+        return all(term.quartic for term in self.bound_terms)
 
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """Return the coefficients (5,) of the strain energy [J] along `u + s v`, which are exact.
@@ -829,14 +827,13 @@ class System(BoundTerms):
         StvkError
             if the energy is not a quartic, see `quartic`.
         """
-        quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
-        if len(quartics) < len(self.bound_terms):
+        if not self.quartic:
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
 
         def of_part() -> Array:
             x, y = by_vertex(self.mesh, u), by_vertex(self.mesh, v, "v")
-            coefficients: Array = sum((term.along(x, y) for term in quartics), np.zeros(5))
+            coefficients: Array = sum((term.along(x, y) for term in self.bound_terms), np.zeros(5))
             refuse_overflow(coefficients, "W along a line", x)
             return coefficients
 
@@ -861,11 +858,8 @@ class System(BoundTerms):
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
 
         def of_part() -> None:
-            for term, pairs in zip(self.bound_terms, self.pair_terms, strict=True):
-                if isinstance(term, HasRoundOff):
-                    term.add_round_off(x, sums)
-                else:
-                    pairs.add_magnitudes(x, sums)
+            for term in self.bound_terms:
+                term.add_round_off(x, sums)
 
         self.space.comm.together(of_part)
         return self.space.share(sums).ravel()
@@ -934,12 +928,12 @@ class System(BoundTerms):
         """
         parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes + sum(body.mesh.t.nbytes for body in self.body.beside)}
         for term in (*self.bound_terms, *self.bound_loads):
-            if isinstance(term, HasMemory):
-                for name, count in term.memory().items():
-                    parts[name] = parts.get(name, 0) + count
-        for blocks in (*self.pair_terms, *self._follower_loads):
-            if isinstance(blocks, AccumulatedBlocks):
-                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + blocks.own_memory()
+            for name, count in term.memory().items():
+                parts[name] = parts.get(name, 0) + count
+        every: tuple[PairTerm | AccumulatedBlocks, ...] = (*self.pair_terms, *self._follower_loads)
+        for blocks in every:
+            if count := blocks.own_memory():
+                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + count
         parts["rows of K"] = 0 if self._row_cache is None else nbytes(self._row_cache[1:])
         parts["pattern of K"] = 0 if self._pattern is None else self._pattern.memory()
         parts["product"] = self._operator.memory() if self._operator is not None else 0
@@ -1041,7 +1035,7 @@ class System(BoundTerms):
             return free.matrix(self._whole, K)
 
     def implausible(self) -> list[str]:
-        """Return, in a sentence each, the values that are implausible in the units of the system: the size and the materials.
+        """Return, in a sentence each, the Young's moduli that are implausible in the units of the system.
 
         Examples
         --------
@@ -1049,13 +1043,14 @@ class System(BoundTerms):
         >>> from skfem_stvk import StVK
         >>> plate = skfem.MeshTri().scaled((100.0, 20.0)).with_boundaries({"left": lambda x: x[0] == 0})
         >>> print(*System(plate, StVK(young=2.1e5, poisson=0.3)).implausible())                             # millimetres and MPa
-        material 0: young = 210000 Pa is too soft for a body of 100 m, which would collapse under its own weight. ...
-        >>> print(*System(plate, StVK(young=2.1e5, poisson=0.3, density=7850.0), units="mm-N-MPa").implausible())
-        material 0.density = 7850 t/mm^3 is unusual; usual are 1e-11 to 3e-08 t/mm^3: 7850 kg/m^3 is 7.85e-09 t/mm^3. ...
+        material 0: young = 210000 Pa is unusual for a body of 100 m; usual are 500000 to 2e+12 Pa. It would be usual with ...
+        >>> System(plate, StVK(young=2.1e5, poisson=0.3), units="mm-N-MPa").implausible()
+        []
         """
         laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if hasattr(term, "material")]
         size = float(np.ptp(self.mesh.bounds, axis=1).max())
-        return list(questions(self.units, size, ((f"material {number}", law) for number, law in enumerate(laws))).values())
+        moduli = {f"material {number}: young": getattr(law, "young", None) for number, law in enumerate(laws)}
+        return implausible_moduli(moduli, self.units, size)
 
     def __repr__(self) -> str:
         units = "" if self.units.name == "SI" else f", {self.units.name}"

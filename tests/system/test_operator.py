@@ -8,7 +8,7 @@ from bodies import BODIES, MESHES, state
 
 from skfem_stvk import ElasticFoundation, RigidContact, RigidPlane, StateError, StVK, System
 from skfem_stvk.edges import ALL, NONE, TENSILE
-from skfem_stvk.edges.pairs import with_blocks
+from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.system import FreeOperator, TangentOperator

@@ -60,7 +60,7 @@ class Guard:
         _, excess, available = self._last_row()
         if excess > available * GOOD:
             return False
-        return bool(excess - self._record.ledger["closure_error"][good.rows - 1] <= available * QUICKLY * since)
+        return bool(excess - self._record.ledger["closure_error"][good.steps] <= available * QUICKLY * since)
 
     def _last_row(self) -> tuple[float, float, float]:
         """Return the kinetic energy, the closure error and the largest available energy so far [J]."""

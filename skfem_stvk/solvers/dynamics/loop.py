@@ -171,7 +171,7 @@ class Loop:
     @property
     def _monitors(self) -> Monitors:
         """Search for elements at which the model is unreliable, in the present body."""
-        return Monitors(self.setup.motion.system, ellipticity=False)
+        return Monitors(self.setup.motion.system)
 
     def _arrived(self, state: MotionState) -> None:
         self._ledger_writer.add_work(state)
@@ -206,6 +206,7 @@ class Loop:
             status = Status.ENDED_INVERTED
         message = self._units.text(self._message(status, detail, cause, findings))
         return Run(
+            system=setup.motion.system,
             motion=setup.motion,
             integrator=setup.integrator,
             u=u.copy(),

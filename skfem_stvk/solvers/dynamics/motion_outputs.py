@@ -19,7 +19,7 @@ from .options import Options, Setup
 from .record import RunRecord
 
 if TYPE_CHECKING:
-    from .motion_checkpoint import MotionCheckpoint, MotionHeader
+    from .motion_checkpoint import MotionCheckpoint, SavedMotion
 
 #: Default number of steps from one saved state to the next.
 EVERY = 10
@@ -70,7 +70,7 @@ class Outputs:
 
     @classmethod
     def resumed(
-        cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: MotionHeader
+        cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: SavedMotion
     ) -> Outputs:
         """Open the files of a run that continues. The series is at the user-supplied path, or next to the checkpoint."""
         checkpoint, every, t = options.checkpoint, options.output_files.every or then.every, record.state.t
@@ -140,15 +140,14 @@ class Outputs:
         """Write the checkpoint now, after saving the state if that is due."""
         if self._checkpoint is None:
             return
-        from .motion_checkpoint import packed  # imports pydantic, only if a checkpoint is written
+        from .motion_checkpoint import SavedMotion
 
         self.save_if_due()
         record, setup, seconds = self._record, self._setup, self._record.watch.parts()
         with self._record.watch("write"):
-            about, arrays = packed(record, setup.locations, setup.integrator.dt is None, setup.motion.system.mesh)
-            about |= {"counts": vars(record.counts), "seconds": seconds, "every": self._every}
-            about["save"] = None if self._series is None else str(self._series.path)
-            self._checkpoint.write(about, arrays, record.ledger)
+            save, found = None if self._series is None else str(self._series.path), setup.integrator.dt is None
+            others = {"seconds": seconds, "every": self._every, "save": save}
+            self._checkpoint.replace(SavedMotion.of(record, setup.locations, setup.motion.system.mesh, found=found, **others))
         self.written = record.steps
 
     def discard_later_states(self) -> None:
@@ -186,7 +185,7 @@ class Outputs:
         return f" To continue from {there}: checkpoint={str(self._checkpoint.folder)!r}, resume=True."
 
 
-def _series_next_to(then: MotionHeader, folder: Path, unit: str) -> Path | None:
+def _series_next_to(then: SavedMotion, folder: Path, unit: str) -> Path | None:
     """Return the path of a run's series: its file name, in the folder that contains the checkpoint."""
     if then.save is None:
         return None
@@ -194,6 +193,6 @@ def _series_next_to(then: MotionHeader, folder: Path, unit: str) -> Path | None:
     if not save.is_file() or save.suffix.lower() != ".pvd":
         raise StvkError(
             f"The run of the checkpoint {folder} saved the series {then.save!r}, but there is no {save.name} in {save.parent}. "
-            f"Move the series there, or name its path, or that of a new series from t = {then.now.t:g} {unit} on: save=..."
+            f"Move the series there, or name its path, or that of a new series from t = {then.state.t:g} {unit} on: save=..."
         )
     return save

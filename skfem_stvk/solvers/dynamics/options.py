@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,8 @@ from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.signature import Fingerprint, sums_of
 from ...units import UnitSystem
-from .damping import Damping
+from ..runs.archive import STRICT
+from .damping import Damping, DampingFactors
 from .integrators import INTEGRATORS, Integrator
 from .ledger_rows import LedgerLocations
 from .motion import Motion
@@ -69,6 +70,27 @@ class Options:
                     f"{kind} = {list(requested)}; expected those of {file}, {list(then)}, at the same vertices. Leave them out to "
                     "resume it."
                 )
+
+
+@dataclass(frozen=True)
+class IntegratorOptions:
+    """Integrator in files: its options, and the names of solvers that are objects."""
+
+    name: str
+    options: dict[str, str | float | None]
+    objects: dict[str, str]
+
+
+@dataclass(frozen=True)
+class MotionMethod:
+    """Method in the `Signature` of a motion, as `method_options` returns it."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+
+    integrator: IntegratorOptions
+    mass: Literal["lumped", "consistent"]
+    damping: DampingFactors
+    remove: str | None = None
 
 
 @dataclass(frozen=True)
@@ -125,7 +147,7 @@ def refuse_unsupported(motion: Motion, integrator: Integrator, removing: bool) -
 
 
 def method_options(motion: Motion, integrator: Integrator, rule: Rule | None = None) -> dict[str, Any]:
-    """Return all options of the method, in the form of `MethodRecord`. A solver object is stored by its name."""
+    """Return all options of the method, in the form of `MotionMethod`. A solver object is stored by its name."""
     options = {one.name: getattr(integrator, one.name) for one in fields(integrator)}
     objects = {name: value.name for name, value in options.items() if hasattr(value, "name")}
     plain = {name: x if x is None or isinstance(x, str) else float(x) for name, x in options.items() if name not in objects}
