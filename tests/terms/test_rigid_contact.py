@@ -98,6 +98,7 @@ def slope(f, h=1e-6):
     return (f(h) - f(-h)) / (2 * h)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("onset", [0.0, 0.05])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("mesh", MESHES)
@@ -114,6 +115,7 @@ def test_force_and_stiffness_are_derivatives(mesh, shape, onset):
     )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("onset", [0.0, 0.05])
 @pytest.mark.parametrize("size", [0.2, 1e-3, 1e-9])
 @pytest.mark.parametrize("shape", SHAPES)
