@@ -95,7 +95,7 @@ class Monitors:
             if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
                 elements = self._system.mesh.elements(term.region)
                 ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))
-        largest = self._system.space.most(float(ratio.max(initial=-1.0)))
+        largest = self._system.space.comm.most(float(ratio.max(initial=-1.0)))
         if largest <= LOCKING:
             return ()
         remedy = 'one point to an element (quadrature="one-point")' if element.shape.one_point else "quadratic elements (degree=2)"
@@ -123,7 +123,7 @@ class Monitors:
             yield from self._finding("compressed", system.compressed_here(u, SOFTENING), stretch, what)
         if self._fields is not None:
             here, values = without_ellipticity(self._fields.at(u).responses)
-            lowest = system.space.least(float(values.min(initial=np.inf)))
+            lowest = system.space.comm.least(float(values.min(initial=np.inf)))
             what = (
                 f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest:.3g} "
                 f"{system.units.of('Pa')}): the "
@@ -146,8 +146,8 @@ class Monitors:
 
     def _finding(self, name: str, here: NDArray[np.int64], extreme: float, what: str) -> Iterator[Finding]:
         """Yield the finding on elements with the ids `here` in the parts of the body, if there are any."""
-        mesh, space = self._system.mesh, self._system.space
-        ids, count = space.element_ids(here, FEW), int(space.total(len(here)))
+        mesh = self._system.mesh
+        ids, count = mesh.ids_of_all(here, FEW), int(mesh.space.comm.total(len(here)))
         if count:
             where = point_of(mesh, ids[0])
             yield Finding(name, ids, extreme, f"{name_ids(ids, 'element', count=count)}, the first at {where} at rest: {what}")
@@ -163,7 +163,7 @@ def point_of(mesh: ElementMesh, element: int) -> str:
     centre = np.zeros(mesh.d)
     for here in mesh.local_elements(np.array([element])):  # none in other parts of a divided body
         centre += mesh.p[:, mesh.t[:, here]].mean(axis=1)
-    return f"({', '.join(f'{x:.4g}' for x in mesh.space.total(centre))})"
+    return f"({', '.join(f'{x:.4g}' for x in mesh.space.comm.total(centre))})"
 
 
 def poisson_of(material: Material) -> Array:

@@ -406,7 +406,7 @@ def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built
     u0 = v0 = None
     if sections.initial.file is not None:
         with complaints.at("initial", "file"):
-            if mesh.space.divided:
+            if mesh.space.comm.divided:
                 raise StvkError("is not available on several ranks; remove it, or solve the scene on one machine.")
             u0, v0 = read_state(source.folder / sections.initial.file, mesh, sections.initial.at)
     if sections.initial.velocity is not None:
@@ -524,7 +524,7 @@ def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any], u
     try:
         yield
     except StvkError:
-        if mesh.space.divided:  # other ranks may not have the error, and would not take part
+        if mesh.space.comm.divided:  # other ranks may not have the error, and would not take part
             raise
         found = False
         body = Body(mesh, [term for term in terms if not is_load(term)])

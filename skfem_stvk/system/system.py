@@ -159,7 +159,7 @@ class System(BoundTerms):
         rule = checked_quadrature(mesh, quadrature, hourglass)
         check_mesh(mesh, found.beside, in_parts=any(isinstance(term, MeshContact) for term in found.terms))
         if not double:
-            refuse_divided(mesh.space, "dtype = float32", "float64", "sums over the parts are in double precision.")
+            refuse_divided(mesh.space.comm, "dtype = float32", "float64", "sums over the parts are in double precision.")
             warn_of_flat_elements(mesh)
         self.quadrature, self.rule = quadrature, rule  # the argument, and the rule it selects
         self.supports = Supports(mesh, fixed, prescribed)
@@ -210,7 +210,9 @@ class System(BoundTerms):
         >>> torn.removed, round(torn.energy(stretched) / bar.energy(stretched), 12), torn.mass().total
         (array([1]), 0.75, 0.75)
         """
-        refuse_divided(self.space, "System.without(elements)", "all elements", "parts do not exchange which nodes lose elements.")
+        refuse_divided(
+            self.space.comm, "System.without(elements)", "all elements", "parts do not exchange which nodes lose elements."
+        )
         ids = self.elements_to_remove(elements)
         if not len(ids):
             return self
@@ -437,7 +439,7 @@ class System(BoundTerms):
         if free is not None:
             return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
         K, rows_of_terms = self._matrix(out, self.pattern), self._rows()[0]
-        self.space.together(self._fill, x, K.data, rows_of_terms, None)
+        self.space.comm.together(self._fill, x, K.data, rows_of_terms, None)
         return K
 
     @locked
@@ -471,7 +473,7 @@ class System(BoundTerms):
             refuse_overflow(force, "F", x)
             return energy
 
-        return self.space.sum_of(of_part), self.space.share(force).ravel(), K
+        return self.space.comm.sum_of(of_part), self.space.share(force).ravel(), K
 
     @locked
     def product(self, u: ArrayLike, v: ArrayLike) -> Array:
@@ -495,10 +497,10 @@ class System(BoundTerms):
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
             self._operator = self.linear_operator(u)
-        elif self.space.any(not self._operator.is_at(x)) or any(isinstance(term, TakesTime) for term in self.bound_terms):
+        elif self.space.comm.any(not self._operator.is_at(x)) or any(isinstance(term, TakesTime) for term in self.bound_terms):
             self._operator.prepare(u)
         product = self._operator.matvec(y)
-        self.space.together(refuse_overflow, product, "K v", x)
+        self.space.comm.together(refuse_overflow, product, "K v", x)
         return product
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
@@ -556,7 +558,7 @@ class System(BoundTerms):
                 load.add_force(x, moment, force)
             refuse_overflow(force, "The external force", x)
 
-        self.space.together(of_part)
+        self.space.comm.together(of_part)
         return self.space.share(force).ravel()
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
@@ -582,7 +584,7 @@ class System(BoundTerms):
         if without:
             raise LoadError(f"{', '.join(without)} has no potential: its work depends on the path. Use residual(u, t).")
         x = self._state(u)
-        return energy + self.space.total(float(sum(load.potential(x, moment) for load in self.bound_loads)))
+        return energy + self.space.comm.total(float(sum(load.potential(x, moment) for load in self.bound_loads)))
 
     @locked
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
@@ -638,7 +640,7 @@ class System(BoundTerms):
         if free is not None:
             return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
         K, (rows_of_terms, of_loads) = self._matrix(out, self.pattern), self._rows()
-        self.space.together(self._fill, x, K.data, rows_of_terms, None, factors)
+        self.space.comm.together(self._fill, x, K.data, rows_of_terms, None, factors)
         for load, rows in zip(self._follower_loads, of_loads, strict=True):
             load.add_stiffness(x, moment, rows, K.data)
         return K
@@ -684,7 +686,9 @@ class System(BoundTerms):
         """
         x, moment = self._state(u), self._moment(t)
         elastic = iter(self.elastic_energies(u))
-        loads = iter([self.space.total(load.potential(x, moment)) if load.has_potential else None for load in self.bound_loads])
+        loads = iter(
+            [self.space.comm.total(load.potential(x, moment)) if load.has_potential else None for load in self.bound_loads]
+        )
         values = {name: next(loads if is_load(term) else elastic) for name, term in self._named}
         return {name: value for name, value in values.items() if value is not None}
 
@@ -708,7 +712,7 @@ class System(BoundTerms):
             refuse_overflow(sum(energies), "W", x)
             return np.array(energies, dtype=np.float64)
 
-        energies = self.space.total(self.space.together(of_part)).tolist()
+        energies = self.space.comm.total(self.space.comm.together(of_part)).tolist()
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
     @locked
@@ -796,7 +800,7 @@ class System(BoundTerms):
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in terms:
             term.energy_and_force(x, force)
-        self.space.together(refuse_overflow, force, name, x)
+        self.space.comm.together(refuse_overflow, force, name, x)
         return -self.space.share(force).ravel()
 
     @property
@@ -836,7 +840,7 @@ class System(BoundTerms):
             refuse_overflow(coefficients, "W along a line", x)
             return coefficients
 
-        return self.space.total(self.space.together(of_part))
+        return self.space.comm.total(self.space.comm.together(of_part))
 
     def round_off(self, u: ArrayLike) -> Array:
         """Return the sums (ndofs,) of the absolute values of all contributions to `F(u)` [N].
@@ -863,7 +867,7 @@ class System(BoundTerms):
                 else:
                     pairs.add_magnitudes(x, sums)
 
-        self.space.together(of_part)
+        self.space.comm.together(of_part)
         return self.space.share(sums).ravel()
 
     def check_held(self, u: ArrayLike | None = None) -> None:
@@ -958,7 +962,7 @@ class System(BoundTerms):
 
     def _energy_and_force(self, u: ArrayLike, force: Array, check_energy: bool = True) -> tuple[float, Array]:
         """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if `check_energy`."""
-        return self.space.sum_of(self._energy_of_part, u, force, check_energy), self.space.share(force)
+        return self.space.comm.sum_of(self._energy_of_part, u, force, check_energy), self.space.share(force)
 
     def _energy_of_part(self, u: ArrayLike, force: Array, check_energy: bool) -> float:
         """Return W of one part of a divided body, and its F in `force`."""
@@ -1029,7 +1033,7 @@ class System(BoundTerms):
         K, indices = self._matrix(out, free.structure), free.value_indices
         if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
             rows_of_terms = [rows.part(indices) for rows in self._rows()[0]]
-            self.space.together(lambda: self._fill(x, K.data, rows_of_terms, None, kept, free=free))
+            self.space.comm.together(lambda: self._fill(x, K.data, rows_of_terms, None, kept, free=free))
             return K
         with self._lock:
             whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None

@@ -28,7 +28,7 @@ from skfem_stvk import (
     solve_static,
 )
 from skfem_stvk.results import animate
-from skfem_stvk.results.state_files import read_state
+from skfem_stvk.solvers.runs.state_files import read_state
 from skfem_stvk.results.vtu import write_mesh
 from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.scenes.scene_units import implausible

@@ -106,7 +106,7 @@ class MotionCheckpoint(FolderStore[SavedMotion]):
     def __init__(self, folder: Path, resume: bool = False, space: Space | None = None) -> None:
         self.file, self._next = folder / MOTION_FILE, -np.inf
         super().__init__(output_folder(folder), space)
-        there = of_leader(self.space, self.file.exists)
+        there = of_leader(self.comm, self.file.exists)
         #: File to continue from; None to begin with the initial state.
         self.source = self.file if resume and there else None
 
@@ -143,7 +143,7 @@ class ReadMotion(NamedTuple):
 
 def _in_whole_mesh(mesh: ElementMesh, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the ids in the whole mesh of vertices of all parts, each once."""
-    every = np.concatenate(mesh.space.each(mesh.node_numbers[vertices]))
+    every = np.concatenate(mesh.space.comm.each(mesh.node_numbers[vertices]))
     return every[np.sort(np.unique(every, return_index=True)[1])]
 
 

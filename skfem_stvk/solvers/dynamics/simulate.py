@@ -166,7 +166,7 @@ def simulate(
     )
     rule, checkpoint_file = checked_rule(remove), None
     if rule is not None:
-        refuse_divided(body.space, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
+        refuse_divided(body.space.comm, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
     with ExitStack() as stack:
         if output_files.checkpoint is not None:
             from .motion_checkpoint import MotionCheckpoint  # imports pydantic, only if needed
@@ -239,7 +239,7 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
     fixed, prescribed, moment = system.supports.held, system.supports.values(Moment(t0, 1.0)), motion.moment(t0)
     gap = np.abs(prescribed - u[fixed])
     mesh, space = system.mesh, system.space
-    far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.most(float(np.abs(prescribed).max(initial=0.0))))]
+    far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.comm.most(float(np.abs(prescribed).max(initial=0.0))))]
     if len(far):
         vertices = name_ids(np.unique(mesh.node_numbers[far // mesh.d]), "vertex")
         text = (
@@ -255,7 +255,9 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         u, v = body.state(u, moment), body.state(v, moment)
     state = MotionState.at(t0, body.prescribe(u, moment), v, motion.force_rows)
     state.v[motion.free.fixed] = motion.constrained_velocities(t0, dt)
-    if not (space.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads or system.contacts):
+    if not (
+        space.comm.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads or system.contacts
+    ):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
     motion.store_forces(state)
     return state

@@ -632,5 +632,5 @@ def _with_removed_energy(ledger: Ledger, names: Sequence[str]) -> Ledger:
 def _body(system: System | ReducedLike) -> System | Coordinates:
     """Return the body of the states; refuse bodies that cannot be stepped."""
     body = checked_body(system)
-    refuse_divided(body.space, "Simulation(system)", "a body on one machine", "inputs and saved states are not exchanged.")
+    refuse_divided(body.space.comm, "Simulation(system)", "a body on one machine", "inputs and saved states are not exchanged.")
     return body

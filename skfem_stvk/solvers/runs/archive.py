@@ -26,7 +26,7 @@ from ...arguments import Array
 from ...npz import Stored, arrays_of
 from ...results.complete_files import ForeignFile, in_all_parts, of_leader, replacing
 from ...results.one_writer import OneWriter
-from ...space import Space
+from ...space import ONE_PROCESS, Space
 from ...system.signature import Fingerprint, Signature
 
 #: Configuration of the outermost dataclass of a record: exactly its fields, of their types, with finite numbers.
@@ -82,12 +82,12 @@ class Store(Generic[OfRecord]):
 
         Raises ForeignFile if it is not one of this format; StvkError in all parts of a divided body if one part cannot read it.
         """
-        parts = space or Space(0)
-        with in_all_parts(parts):
+        comm = ONE_PROCESS if space is None else space.comm
+        with in_all_parts(comm):
             plain, arrays = read_archive(file, cls.known, cls.remedy)
             header = checked_header(file, plain, cls.remedy)
         vectors = {} if space is None else of_parts(file, header.parts, space, cls.remedy)
-        with in_all_parts(parts), refusing_damage(file, cls.remedy):
+        with in_all_parts(comm), refusing_damage(file, cls.remedy):
             return header.problem, validated(cls.schema, header.record, partial(_found, arrays, vectors, space))
 
 
@@ -102,7 +102,7 @@ class FolderStore(Store[OfRecord], OneWriter):
     name: ClassVar[str]  # of a file, such as "state_{:05d}.npz" with a number
 
     def __init__(self, folder: Path, space: Space | None = None) -> None:
-        super().__init__(folder, space)
+        super().__init__(folder, ONE_PROCESS if space is None else space.comm)
         self.folder, self.states = folder, space
 
     def existing(self) -> list[Path]:
@@ -147,7 +147,8 @@ class _Content:
         if isinstance(value, Enum):
             return value.value
         if is_dataclass(value):
-            own, vectors = vars(value), _vectors_of(type(value))
+            schema: Any = type(value)
+            own, vectors = vars(value), _vectors_of(schema)
             return {
                 one.name: self.plain(own[one.name], f"{name} {one.name}".lstrip(), one.name in vectors) for one in fields(value)
             }
@@ -169,7 +170,8 @@ def _vectors_of(schema: Any) -> set[str]:
 
 def validated(schema: type[OfRecord], plain: Any, found: Callable[[str, Stored], Array] | None = None) -> OfRecord:
     """Return the record of these entries; `found` returns its arrays by name. Raises ValueError for entries of other types."""
-    return cast(OfRecord, _adapter(schema).validate_json(json.dumps(plain), context=found))
+    kind: Any = schema
+    return cast(OfRecord, _adapter(kind).validate_json(json.dumps(plain), context=found))
 
 
 @cache
@@ -188,8 +190,9 @@ def _found(arrays: Mapping[str, Array], vectors: Mapping[str, Array], space: Spa
         raise ValueError(f"it has no array {name!r}")
     array = vectors[name] if name in vectors else arrays[name]
     stored.check(name, array)
-    of_whole_body = stored.by_dof and space is not None and name not in vectors and array.shape[-1] == space.count
-    return array[..., space.numbers] if of_whole_body else array
+    if space is not None and stored.by_dof and name not in vectors and array.shape[-1] == space.count:
+        return cast(Array, array[..., space.numbers])
+    return array
 
 
 def check_lengths(record: Any, n: int) -> None:
@@ -208,12 +211,12 @@ def _write_of_parts(file: Path, header: Mapping[str, Any], content: _Content, sp
     """
     others: dict[str, Array] = content.others
     names: list[str] = []
-    if space.divided:
-        stamp = space.each(secrets.token_hex(4))[0]
-        names = [f"rank{rank:04d}_{file.stem}_{stamp}.npz" for rank in range(space.size)]
-        with in_all_parts(space):
+    if space.comm.divided:
+        stamp = space.comm.each(secrets.token_hex(4))[0]
+        names = [f"rank{rank:04d}_{file.stem}_{stamp}.npz" for rank in range(space.comm.size)]
+        with in_all_parts(space.comm):
             part = {NUMBERS: space.numbers, **content.vectors}
-            write_archive(file.with_name(names[space.rank]), {"format": PART[0], "version": PART[1]}, part)
+            write_archive(file.with_name(names[space.comm.rank]), {"format": PART[0], "version": PART[1]}, part)
         header = {**header, "parts": names}
     else:
         others = others | {name: _in_order(array, space) for name, array in content.vectors.items()}
@@ -222,7 +225,7 @@ def _write_of_parts(file: Path, header: Mapping[str, Any], content: _Content, sp
         write_archive(file, header, others)
         _remove_parts(file, names)
 
-    of_leader(space, finish)
+    of_leader(space.comm, finish)
 
 
 def _in_order(array: Array, space: Space) -> Array:
@@ -252,14 +255,16 @@ def of_parts(file: Path, parts: list[str], space: Space, remedy: str) -> dict[st
     found: dict[str, Array] = {}
     order = np.argsort(space.numbers)
     ascending = space.numbers[order]
-    for begin in range(0, len(parts), space.size):
-        names = parts[begin : begin + space.size]
-        with in_all_parts(space):
-            own = _part_of(file, names[space.rank], remedy) if space.rank < len(names) else None
-        if len(parts) == space.size and not space.any(own is None or not np.array_equal(own[0], space.numbers)):
+    for begin in range(0, len(parts), space.comm.size):
+        names = parts[begin : begin + space.comm.size]
+        with in_all_parts(space.comm):
+            own = _part_of(file, names[space.comm.rank], remedy) if space.comm.rank < len(names) else None
+        if len(parts) == space.comm.size and not space.comm.any(own is None or not np.array_equal(own[0], space.numbers)):
             return own[1] if own else {}
         for turn in range(len(names)):
-            numbers, vectors = cast("tuple[Array, dict[str, Array]]", space.each(own if turn == space.rank else None)[turn])
+            numbers, vectors = cast(
+                "tuple[Array, dict[str, Array]]", space.comm.each(own if turn == space.comm.rank else None)[turn]
+            )
             index = np.minimum(np.searchsorted(ascending, numbers), len(order) - 1)
             here = ascending[index] == numbers
             for one, values in vectors.items():

@@ -74,9 +74,9 @@ class PathCheckpoint(FolderStore[SavedState]):
 
     def add(self, step: Step, saved: Any) -> None:
         """Write a state and the state of the continuation after it."""
-        with in_all_parts(self.space):
+        with in_all_parts(self.comm):
             while self._old_files:  # last file first, so that the remaining files always form a path from its beginning
-                if self.space.leads:
+                if self.comm.leads:
                     remove_file(self._old_files[-1])
                 self._old_files.pop()
         self.write(self.numbered(self._count), SavedState(self._count, step, saved))
@@ -138,7 +138,7 @@ def _check_equilibrium(system: System, record: SavedState, rtol: float) -> None:
     """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
     step, u = record.state, record.state.u
     constrained, prescribed = system.supports.held, system.supports.values(step.t)
-    gap, *sizes = (system.space.most(float(np.abs(x).max(initial=0.0))) for x in (u[constrained] - prescribed, prescribed, u))
+    gap, *sizes = (system.space.comm.most(float(np.abs(x).max(initial=0.0))) for x in (u[constrained] - prescribed, prescribed, u))
     if gap > 1e-9 * sum(sizes):
         raise ValueError(f"its displacements differ from those of the supports at t = {step.t:g} by up to {gap:.3g} m")
     loads = system.external_force(u, step.t)
