@@ -191,7 +191,7 @@ def _found(arrays: Mapping[str, Array], vectors: Mapping[str, Array], space: Spa
     array = vectors[name] if name in vectors else arrays[name]
     stored.check(name, array)
     if space is not None and stored.by_dof and name not in vectors and array.shape[-1] == space.count:
-        return cast(Array, array[..., space.numbers])
+        array = array[..., space.numbers]
     return array
 
 
