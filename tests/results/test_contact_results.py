@@ -52,7 +52,7 @@ from skfem_stvk.results.shapes import MARGIN, surface_of, surroundings
 from skfem_stvk.solvers.runs.state_files import read_state
 from skfem_stvk.scenes import scene_report as report
 from skfem_stvk.solvers.dynamics.contact_findings import contact_findings
-from skfem_stvk.solvers.dynamics.ledger import Ledger
+from skfem_stvk.solvers.runs.ledger import Ledger
 from skfem_stvk.solvers.newton.newton import End
 
 LAW = NeoHookean(young=3e4, poisson=0.3, density=1000.0)

@@ -18,7 +18,7 @@ from ...results.reactions import ReactionPlace
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...terms.protocols import CanPenetrate
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 from .motion import Motion
 from .record import MotionState
 

@@ -18,8 +18,8 @@ from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text
 from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
 from .motion_outputs import Outputs
+from .motion_progress import MotionProgress
 from .options import Setup
-from .progress import MotionProgress
 from .record import MotionState, RunRecord
 from .removal import Removal, removal_text
 from .run import Run, SimulationError

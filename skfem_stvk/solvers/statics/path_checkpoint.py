@@ -10,11 +10,12 @@ import numpy as np
 
 from ...errors import StvkError
 from ...npz import Count
-from ...results.complete_files import OutputFiles, in_all_parts, output_folder
+from ...results.complete_files import in_all_parts, output_folder
 from ...system import System
 from ...system.signature import Fingerprint
 from ..newton.outcome import Status
 from ..runs.archive import STRICT, FolderStore, refusing_damage, remove_file
+from ..runs.outputs import OutputFiles
 from ..runs.state_files import PATH, PATH_FILE
 from .arc_length import ArcLengthState
 from .continuation import ContinuationState
