@@ -452,21 +452,10 @@ class Simulation:
         ids = motion.system.elements_to_remove(elements)
         if not len(ids):
             return
-        state = record.state
-        if self._writer is None:
-            motion.remove_elements(ids)
-        else:
-            if REMOVED not in self._writer.ledger:
-                record.ledger = _with_removed_energy(self._writer.ledger, column_names(motion.body, removing=True))
-                self._writer = self._written(record.ledger)
-            self._writer.record_removal(state, lambda: motion.remove_elements(ids))
-        record.add_removed(ids, state.t)
-        record.history = motion.body.history()
-        state.v.reshape(-1, motion.system.mesh.d)[motion.system.bare] = 0
-        state.a[:] = 0
-        self._steps.start()
-        if self._writer is not None:
-            self._writer.append_row(state, self._steps.stepper.strain_energy(state))
+        if self._writer is not None and REMOVED not in self._writer.ledger:
+            record.ledger = _with_removed_energy(self._writer.ledger, column_names(motion.body, removing=True))
+            self._writer = self._written(record.ledger)
+        self._steps.remove(ids, self._writer)
         self._steps.review(recompute=True)
 
     @exclusive
