@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 import skfem
-from skfem_stvk.results.state_files import read_state
 
 from skfem_stvk import (
     BackwardEuler,
