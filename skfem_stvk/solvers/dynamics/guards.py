@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import name_ids, warn
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 from .ledger_rows import INSIDE_OUT, known_strain
 from .motion import Motion
 from .record import MotionState, RunRecord

@@ -6,7 +6,7 @@ import time
 from collections.abc import Collection
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,12 @@ from ...system import System
 from ...system.signature import Fingerprint, Signature
 from ...terms.protocols import set_time
 from ..runs.archive import STRICT, FolderStore, check_lengths, refusing_damage, validated
+from ..runs.ledger import Ledger
 from ..runs.state_files import MOTION, MOTION_FILE
+from .damping import DampingFactors
 from .integrators import Integrator
-from .ledger import Ledger
 from .ledger_rows import REMOVED, LedgerLocations, column_names, columns_without_value, known_strain, known_total
 from .motion import Motion
-from .options import MotionMethod
 from .record import Counts, HierarchyOrigin, RunRecord, Snapshot
 
 #: Shortest time between two checkpoints [s], and largest share of the run time that writing them may take.
@@ -39,6 +39,27 @@ ENERGY = 1e-6
 SHORTEST = 1e-9
 #: Columns that, with the strain energy, add up to the total energy and the closure error.
 PARTS = "kinetic_energy", "potential_energy", "external_work", "dissipated_work"
+
+
+@dataclass(frozen=True)
+class IntegratorOptions:
+    """Integrator in files: its options, and the names of solvers that are objects."""
+
+    name: str
+    options: dict[str, str | float | None]
+    objects: dict[str, str]
+
+
+@dataclass(frozen=True)
+class MotionMethod:
+    """Method in the `Signature` of a motion, as `method_options` returns it."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+
+    integrator: IntegratorOptions
+    mass: Literal["lumped", "consistent"]
+    damping: DampingFactors
+    remove: str | None = None
 
 
 @dataclass
@@ -103,12 +124,14 @@ class MotionCheckpoint(FolderStore[SavedMotion]):
 
     known, schema, remedy = MOTION, SavedMotion, START_AGAIN
 
-    def __init__(self, folder: Path, resume: bool = False, space: Space | None = None) -> None:
+    def __init__(self, folder: Path, space: Space | None = None) -> None:
         self.file, self._next = folder / MOTION_FILE, -np.inf
         super().__init__(output_folder(folder), space)
-        there = of_leader(self.space.comm, self.file.exists)
-        #: File to continue from; None to begin with the initial state.
-        self.source = self.file if resume and there else None
+
+    @property
+    def exists(self) -> bool:
+        """Whether the file exists."""
+        return of_leader(self.comm, self.file.exists)
 
     def belongs_to(self, problem: Fingerprint, overwrite: bool) -> None:
         """Set the signature of the problem for the files to be written. Refuse to replace a file of another problem."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,20 +15,17 @@ from ...errors import StvkError
 from ...linear.choose import is_auto
 from ...mesh.displacements import by_vertex
 from ...mesh.locations import Where
-from ...results.complete_files import NO_FILES, OutputFiles
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.signature import Fingerprint, sums_of
 from ...units import UnitSystem
-from ..runs.archive import STRICT
-from .damping import Damping, DampingFactors
+from ..runs.outputs import NO_FILES, OutputFiles
+from .damping import Damping
 from .integrators import INTEGRATORS, Integrator
 from .ledger_rows import LedgerLocations
 from .motion import Motion
+from .motion_checkpoint import MotionCheckpoint
 from .removal import Rule, rule_text
-
-if TYPE_CHECKING:
-    from .motion_checkpoint import MotionCheckpoint
 
 #: Name in files of the numbers that identify the basis of a motion.
 BASIS = "the basis"
@@ -70,27 +67,6 @@ class Options:
                     f"{kind} = {list(requested)}; expected those of {file}, {list(then)}, at the same vertices. Leave them out to "
                     "resume it."
                 )
-
-
-@dataclass(frozen=True)
-class IntegratorOptions:
-    """Integrator in files: its options, and the names of solvers that are objects."""
-
-    name: str
-    options: dict[str, str | float | None]
-    objects: dict[str, str]
-
-
-@dataclass(frozen=True)
-class MotionMethod:
-    """Method in the `Signature` of a motion, as `method_options` returns it."""
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
-
-    integrator: IntegratorOptions
-    mass: Literal["lumped", "consistent"]
-    damping: DampingFactors
-    remove: str | None = None
 
 
 @dataclass(frozen=True)

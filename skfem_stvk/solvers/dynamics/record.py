@@ -12,7 +12,7 @@ from ...arguments import Array
 from ...npz import Count, Ids, Stored, Vector, Vectors, Within
 from ..newton.problem import Tangent
 from ..newton.stopwatch import Stopwatch
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 
 #: Tolerance for the end of the run, as a part of a step.
 SLACK = 1e-6

@@ -23,11 +23,10 @@ from .inputs import Inputs
 from .integrators import INTEGRATORS, Integrator
 from .ledger_rows import LedgerLocations
 from .motion import Motion
-from .motion_checkpoint import START_AGAIN, ReadMotion, load, refuse_inconsistent
+from .motion_checkpoint import START_AGAIN, IntegratorOptions, ReadMotion, load, refuse_inconsistent
 from .motion_outputs import Outputs
 from .options import (
     BASIS,
-    IntegratorOptions,
     Options,
     Setup,
     basis_of,
@@ -52,7 +51,7 @@ def resumed(body: System | Coordinates, options: Options, stack: ExitStack, file
     if options.until < record.state.t - (SLACK * record.clock.dt if record.steps else 0.0):
         raise too_early(options.until, record.state.t, motion.system.units)
     setup = Setup(motion, integrator, locations, options.until, options.remove)
-    return setup, record, Outputs.resumed(setup, record, options, stack, problem, saved)
+    return setup, record, Outputs.opened(setup, record, options, stack, problem, saved)
 
 
 def restored(

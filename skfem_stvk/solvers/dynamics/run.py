@@ -21,10 +21,10 @@ from ...system import System
 from ...terms.loads.load import Moment
 from ...terms.loads.rigid_shapes import RigidShape
 from ..newton.outcome import Status, with_remedy
+from ..runs.ledger import Ledger
 from ..runs.result import RunResult
 from .guards import relative_closure_error
 from .integrators import Integrator
-from .ledger import Ledger
 from .motion import Motion
 from .record import MotionState
 

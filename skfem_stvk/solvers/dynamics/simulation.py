@@ -25,16 +25,18 @@ from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike
 from ...system.signature import Fingerprint, sums_of
 from ...terminal import html_table
+from ..runs.ledger import Ledger
 from ..runs.state_files import MOTION_FILE
 from .damping import Damping
 from .inputs import Inputs
 from .integrators import Integrator, StepFailed
-from .ledger import Ledger
 from .ledger_rows import REMOVED, LedgerLocations, LedgerWriter, column_names
 from .motion import Motion
+from .motion_checkpoint import MotionCheckpoint, SavedMotion, load
 from .options import Options, basis_of, checked_integrator, method_options, refuse_unsupported
 from .record import SLACK, Clock, Counts, HierarchyOrigin, MotionState, RunRecord, Snapshot
 from .removal import rule_text
+from .resumed import restored
 from .run import SimulationError
 from .simulate import checked_body, first_state
 from .steps import HALVINGS, Steps
@@ -450,21 +452,10 @@ class Simulation:
         ids = motion.system.elements_to_remove(elements)
         if not len(ids):
             return
-        state = record.state
-        if self._writer is None:
-            motion.remove_elements(ids)
-        else:
-            if REMOVED not in self._writer.ledger:
-                record.ledger = _with_removed_energy(self._writer.ledger, column_names(motion.body, removing=True))
-                self._writer = self._written(record.ledger)
-            self._writer.record_removal(state, lambda: motion.remove_elements(ids))
-        record.add_removed(ids, state.t)
-        record.history = motion.body.history()
-        state.v.reshape(-1, motion.system.mesh.d)[motion.system.bare] = 0
-        state.a[:] = 0
-        self._steps.start()
-        if self._writer is not None:
-            self._writer.append_row(state, self._steps.stepper.strain_energy(state))
+        if self._writer is not None and REMOVED not in self._writer.ledger:
+            record.ledger = _with_removed_energy(self._writer.ledger, column_names(motion.body, removing=True))
+            self._writer = self._written(record.ledger)
+        self._steps.remove(ids, self._writer)
         self._steps.review(recompute=True)
 
     @exclusive
@@ -525,8 +516,6 @@ class Simulation:
         StvkError
             if the folder has the file of another motion, or cannot be written.
         """
-        from .motion_checkpoint import MotionCheckpoint, SavedMotion
-
         folder, motion, record = path_of("path", path), self._motion, self._record
         (system, start), removed_at = self._first, record.removed_at
         if self._writer is None:
@@ -573,9 +562,6 @@ class Simulation:
         StvkError
             if the checkpoint is missing or damaged, or of another problem.
         """
-        from .motion_checkpoint import load
-        from .resumed import restored
-
         file, body = path_of("path", path) / MOTION_FILE, _body(system)
         read = load(file, body.space)
         saved, by_hand = read.saved, read.method.remove == rule_text(removed_by_hand)

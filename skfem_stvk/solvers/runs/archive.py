@@ -102,7 +102,7 @@ class FolderStore(Store[OfRecord], OneWriter):
     name: ClassVar[str]  # of a file, such as "state_{:05d}.npz" with a number
 
     def __init__(self, folder: Path, space: Space | None = None) -> None:
-        super().__init__(folder, space)
+        super().__init__(folder, ONE_PROCESS if space is None else space.comm)
         self.folder, self.states = folder, space
 
     def existing(self) -> list[Path]:
@@ -147,7 +147,8 @@ class _Content:
         if isinstance(value, Enum):
             return value.value
         if is_dataclass(value):
-            own, vectors = vars(value), _vectors_of(type(value))
+            schema: Any = type(value)
+            own, vectors = vars(value), _vectors_of(schema)
             return {
                 one.name: self.plain(own[one.name], f"{name} {one.name}".lstrip(), one.name in vectors) for one in fields(value)
             }
@@ -169,7 +170,8 @@ def _vectors_of(schema: Any) -> set[str]:
 
 def validated(schema: type[OfRecord], plain: Any, found: Callable[[str, Stored], Array] | None = None) -> OfRecord:
     """Return the record of these entries; `found` returns its arrays by name. Raises ValueError for entries of other types."""
-    return cast(OfRecord, _adapter(schema).validate_json(json.dumps(plain), context=found))
+    kind: Any = schema
+    return cast(OfRecord, _adapter(kind).validate_json(json.dumps(plain), context=found))
 
 
 @cache
@@ -188,8 +190,9 @@ def _found(arrays: Mapping[str, Array], vectors: Mapping[str, Array], space: Spa
         raise ValueError(f"it has no array {name!r}")
     array = vectors[name] if name in vectors else arrays[name]
     stored.check(name, array)
-    of_whole_body = stored.by_dof and space is not None and name not in vectors and array.shape[-1] == space.count
-    return array[..., space.numbers] if of_whole_body else array
+    if space is not None and stored.by_dof and name not in vectors and array.shape[-1] == space.count:
+        array = array[..., space.numbers]
+    return array
 
 
 def check_lengths(record: Any, n: int) -> None:

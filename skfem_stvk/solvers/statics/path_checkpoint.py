@@ -10,11 +10,12 @@ import numpy as np
 
 from ...errors import StvkError
 from ...npz import Count
-from ...results.complete_files import OutputFiles, in_all_parts, output_folder
+from ...results.complete_files import in_all_parts, output_folder
 from ...system import System
 from ...system.signature import Fingerprint
 from ..newton.outcome import Status
 from ..runs.archive import STRICT, FolderStore, refusing_damage, remove_file
+from ..runs.outputs import OutputFiles
 from ..runs.state_files import PATH, PATH_FILE
 from .arc_length import ArcLengthState
 from .continuation import ContinuationState
@@ -74,9 +75,9 @@ class PathCheckpoint(FolderStore[SavedState]):
 
     def add(self, step: Step, saved: Any) -> None:
         """Write a state and the state of the continuation after it."""
-        with in_all_parts(self.space.comm):
+        with in_all_parts(self.comm):
             while self._old_files:  # last file first, so that the remaining files always form a path from its beginning
-                if self.space.comm.leads:
+                if self.comm.leads:
                     remove_file(self._old_files[-1])
                 self._old_files.pop()
         self.write(self.numbered(self._count), SavedState(self._count, step, saved))

@@ -11,11 +11,11 @@ from bodies import turned_round
 
 from skfem_stvk import ElementMesh, Gravity, NodalLoad, StVK, System, Traction, simulate
 from skfem_stvk.solvers.dynamics import EdgeDamping, Rayleigh, Status
-from skfem_stvk.solvers.dynamics.ledger import Ledger
 from skfem_stvk.solvers.dynamics.ledger_rows import LedgerLocations, column_names
 from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.options import Setup
 from skfem_stvk.solvers.dynamics.record import MotionState, RunRecord
+from skfem_stvk.solvers.runs.ledger import Ledger
 
 BOTH = [Rayleigh(alpha=0.8, beta=4e-3), EdgeDamping(3e-3)]
 

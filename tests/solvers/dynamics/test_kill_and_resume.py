@@ -31,9 +31,9 @@ from skfem_stvk.solvers.dynamics import (
     VelocityVerlet,
 )
 from skfem_stvk.solvers.dynamics import motion_checkpoint as checkpoint
-from skfem_stvk.solvers.dynamics.ledger import LedgerFile
 from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, load
 from skfem_stvk.solvers.runs.archive import read_archive, write_archive
+from skfem_stvk.solvers.runs.ledger import LedgerFile
 
 HERE = Path(__file__).parent
 

@@ -56,9 +56,9 @@ from skfem_stvk.solvers.dynamics.forces import StartTensions
 from skfem_stvk.solvers.dynamics.guards import EVERY, Guard
 from skfem_stvk.solvers.dynamics.integrators import StepFailed
 from skfem_stvk.solvers.dynamics.integrators.implicit import ImplicitStepper
-from skfem_stvk.solvers.dynamics.ledger import Ledger
 from skfem_stvk.solvers.dynamics.record import FEWEST, FIRST, Clock, MotionState, Reviews, RunRecord
 from skfem_stvk.solvers.dynamics.stable_step import StableStep, StepCollapsed
+from skfem_stvk.solvers.runs.ledger import Ledger
 
 EXPLICIT = [ForwardEuler, VelocityVerlet]
 SYSTEM = spinning(2).system
