@@ -21,6 +21,7 @@ from ...results.contact_forces import ContactState, contact_state
 from ...results.reactions import ReactionPlace
 from ...results.state_files import MOTION_FILE
 from ...system import System
+from ...system.bound import elements_to_remove
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike
@@ -449,7 +450,7 @@ class Simulation:
         motion, record = self._motion, self._record
         if isinstance(motion.body, Coordinates):
             raise StvkError("remove(...): a reduced system is made of all its elements; expected a Simulation of a System.")
-        ids = motion.system.elements_to_remove(elements)
+        ids = elements_to_remove(motion.system, elements)
         if not len(ids):
             return
         state = record.state
@@ -577,7 +578,7 @@ class Simulation:
         StvkError
             if the checkpoint is missing or damaged, or of another problem.
         """
-        from .motion_checkpoint import file_of, load  # imports pydantic, only if there are files
+        from .motion_checkpoint import load  # imports pydantic, only if there are files
         from .resumed import restored
 
         file, body = path_of("path", path) / MOTION_FILE, _body(system)
