@@ -298,22 +298,12 @@ def _sorting(edges: Ids) -> Ids | None:
     return order if (np.diff(order) != 1).any() else None
 
 
-class EdgeSolves(Protocol):
-    """Conjugate gradients on blocks of edges: those of a whole body, or of one part (`part_cg`)."""
-
-    def solve(self, b: Vector, rtol: float, max_iterations: int, x0: Vector | None, out: Vector | None) -> Solution:
-        """Solve from `x0` or from zero, and write x to `out` if there is a place for it."""
-
-    def precondition(self, r: Vector) -> Vector:
-        """Return the preconditioned residual `M^-1 r` (n,)."""
-
-
 class EdgeFactors:
     """Preconditioner of one matrix, in the arrays of its analysis."""
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, search: EdgeSolves, n: int, latest: LatestFactors) -> None:
+    def __init__(self, search: EdgeCg, n: int, latest: LatestFactors) -> None:
         self._search, self._n = search, n
         self._latest, self._number = latest, latest.next()
 
