@@ -135,8 +135,6 @@ class System(BoundTerms):
         Mesh or points from which the system was built, and its other arguments by name, as passed in.
     units
         The system of units.
-    remarked
-        Whether the remarks of `implausible` were made already, so that headers of runs leave them out.
 
     Raises
     ------
@@ -187,7 +185,7 @@ class System(BoundTerms):
         dtype: DTypeLike = np.float64,
         units: str = "SI",
     ) -> None:
-        self.units, self.remarked = UNITS[choice("units", units, UNITS)], False
+        self.units = UNITS[choice("units", units, UNITS)]
         own = {"quadrature": quadrature, "hourglass": hourglass, "dtype": dtype, "units": units}
         self.made_of: Mapping[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
         double = _float_type(dtype) == np.float64
