@@ -38,11 +38,6 @@ FINDINGS = (
         "Take a law that stiffens, or add a volume term: [what StVK is not](../topics/wrong-model.md).",
     ),
     (
-        "not elliptic",
-        "strong ellipticity lost, with `ellipticity=True`",
-        "Compare with a finer mesh: [what StVK is not](../topics/wrong-model.md).",
-    ),
-    (
         "deep contact",
         "points deeper in a rigid shape than 0.05 of the facets' edge",
         "Take a larger stiffness: [contact](../how-to/contact.md).",

@@ -21,8 +21,6 @@ from ..errors import RegionError, StvkError, name_known
 from ..mesh import ElementMesh
 from ..mesh.locations import Box, Where, vertices_at
 from ..mesh.read import is_partition
-from ..results import Fields
-from ..results.ellipticity import refuse_other_laws
 from ..results.table import find
 from ..solvers.dynamics import Integrator
 from ..solvers.dynamics.ledger_rows import refuse_name_of_column
@@ -42,7 +40,6 @@ from .schema.quantities import input_files
 from .schema.sections import Expectation, Prescribed
 from .schema.terms import given_by, in_elements, in_time
 from .source import SceneSource
-from .syntax import Loc
 
 _LAST = ("energy.strain", "displacement.largest", "stress.largest", "volume_ratio.smallest", "steps")
 #: Results of a motion, by their columns in its energy ledger.
@@ -390,11 +387,9 @@ def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built
     with complaints.at(), _naming_terms(complaints, mesh, terms, sections.units):
         options = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
         system = System(mesh, terms, fixed or None, prescribed or None, **options, units=sections.units)
-        system.remarked = True  # the scene has remarks of its own, with its keys
     complaints.refuse()
     assert system is not None
     _check_energies(complaints, sections, system)
-    _check_ellipticity(complaints, sections, system)
     probes, reactions = ({}, {})  # type: dict[str, Where], dict[str, Where]
     for table, found in (("probes", probes), ("reactions", reactions)):
         for name, place in getattr(sections.output, table).items():
@@ -450,16 +445,6 @@ def _check_energies(complaints: Complaints, sections: SceneTables, system: Syste
         if ".".join(loc) in OF_ENERGY:
             names = ", ".join(system.without_energy)
             complaints.add(("expect", *loc), f"does not exist: {names} has no energy; expect displacements or forces instead")
-
-
-def _check_ellipticity(complaints: Complaints, sections: SceneTables, system: System) -> None:
-    """Complain about checks and fields of strong ellipticity that the laws do not have."""
-    locs: list[Loc] = [("analysis", "ellipticity")] if getattr(sections.analysis, "ellipticity", False) else []
-    fields = sections.output.fields or ()
-    locs += [("output", "fields", number) for number, name in enumerate(fields) if name == "smallest_acoustic_eigenvalue"]
-    for loc in locs:
-        with complaints.at(*loc):
-            refuse_other_laws(Fields.of(system))
 
 
 def _check_poisson(complaints: Complaints, names: Names, term: Any, law: Any) -> None:

@@ -125,7 +125,6 @@ def _run_analysis(built: Built, folder: Folder | None, quiet: bool) -> StaticRes
             u0=built.u0,
             t0=initial.t0,
             stability=analysis.stability,
-            ellipticity=analysis.ellipticity,
             quiet=quiet,
             raise_on_failure=False,
             **files,

@@ -41,6 +41,7 @@ def frames(path):
     return np.array(pictures), film.info
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", MESHES)
 def test_every_kind_of_body_moves_in_a_film(tmp_path, name):
     path = animate(motion(name), tmp_path / "body.gif", "volume_ratio", scale=2.0)
@@ -51,6 +52,7 @@ def test_every_kind_of_body_moves_in_a_film(tmp_path, name):
     assert ((pictures[0] != pictures[1]).any(axis=2)).mean() > 0.001
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", MESHES)
 def test_a_series_on_disk_gives_the_film_of_its_states(tmp_path, name):
     states = motion(name)

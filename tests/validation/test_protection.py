@@ -1,11 +1,20 @@
 """The study of mutants: draws are reproducible, a planted fault is caught, and a run that was stopped goes on."""
 
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 
-from validation.protection import FIRST, NONE, SLOW, Study, report
-from validation.protection.mutants import KINDS, Finder, drawn, kernels_with
+from validation.protection import FIRST, NONE, OPEN, SLOW, TABLE, Study, report
+from validation.protection.copies import Copy
+from validation.protection.mutants import KINDS, Finder, drawn, kernels_with, rooms
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 ROOT = Path(__file__).parents[2]
 #: A package with one room and one mutant of each kind, and its tests.
@@ -101,26 +110,59 @@ def test_candidates_are_code_that_runs(toy):
     ]
 
 
-def test_a_draw_has_one_mutant_of_each_kind_for_each_room_and_a_seed_repeats_it():
-    first, again, other = (drawn(ROOT, seed) for seed in (1, 1, 2))
-    assert first == again != other
-    assert len(first) >= 60 and len({one.name for one in first}) == len(first)
-    assert {one.kind for one in first} == set(KINDS)
+def test_a_draw_has_one_mutant_of_each_kind_for_each_room_and_a_seed_repeats_it(toy):
+    one, again, other = (drawn(toy().root, seed) for seed in (1, 1, 2))
+    assert one == again != other
+    of_package = drawn(ROOT)
+    assert len(of_package) >= 60 and len({one.name for one in of_package}) == len(of_package)
+    assert {one.kind for one in of_package} == set(KINDS)
 
 
-def test_kernels_are_found_that_contain_a_piece():
-    (one,) = (one for one in drawn(ROOT) if one.name == "kernels/operator")
-    kernels = kernels_with(one, ROOT)
-    assert one.function in kernels
-    
+def test_a_kernel_contains_pieces_and_the_formulas_of_types():
+    """The stiffness of a law is chosen by type, and the product of a matrix with base vectors is a piece of it."""
+    pieces = [one for path in rooms(ROOT)["kernels"] for one in Finder("kernels", path.name, path.read_bytes()).found]
+    for function in ("_isotropic_stiffness", "on_base_vectors"):
+        assert "linearize" in kernels_with(next(one for one in pieces if one.function == function), ROOT)
 
-def test_faults_are_caught_by_the_tests_that_run_them_and_a_stopped_run_goes_on(toy, capsys, monkeypatch):
-    study = toy()
-    study.judge(["room/line"])
-    print(study.verdicts)
+
+def test_the_table_has_the_drawn_mutants():
+    """`python -m validation protection` judges those whose code has changed."""
+    table = {row["name"] for row in tomllib.loads(TABLE.read_text(encoding="utf-8"))["mutant"]}
+    assert table == {one.name for one in drawn(ROOT)}
+
+
+def test_a_stopped_run_goes_on(toy, monkeypatch):
+    """Judged mutants stay, the run with probes is not repeated, and faults that no test sees remain open."""
+    first = toy()
+    monkeypatch.setattr(first, "_all_tests", lambda copy, names: None)
+    first.judge(["room/index", "room/sign"])
+    assert first.verdicts["room/index"].test == "tests/room/test_module.py::test_the_last_one"
+    assert {name: one.tier for name, one in first.verdicts.items() if one.tier} == {"room/index": FIRST, "room/sign": OPEN}
+    second = toy()
+    assert second.verdicts == first.verdicts
+    monkeypatch.setattr(second, "_all_tests", lambda copy, names: None)
+    monkeypatch.setattr(Copy, "run", lambda *arguments, **named: pytest.fail("nothing is left to do"))
+    monkeypatch.setattr(Copy, "_share_machine_code", lambda copy, root: None)
+    second.judge(["room/index", "room/sign"])
+
+
+@pytest.mark.slow
+def test_each_fault_is_judged_by_all_tests(toy, capsys):
     study = toy()
     study.judge(study.mutants)
-    for v in study.verdicts.values(): print(v)
-    from rich.console import Console
-    report(study.verdicts.values(), Console())
-    assert 0
+    tiers = {name.partition("/")[2]: (one.tier, one.test.partition("::")[2], one.also) for name, one in study.verdicts.items()}
+    assert tiers == {
+        "constant": (FIRST, "test_tripled", "tests/test_more.py::test_six"),
+        "index": (FIRST, "test_the_last_one", ""),
+        "line": (SLOW, "test_an_empty_list_is_refused", ""),
+        "operator": (FIRST, "test_no_difference", ""),
+        "sign": (NONE, "", ""),
+        "swap": (NONE, "", ""),
+    }
+    assert not report(study.verdicts.values(), Console(width=132))
+    out = capsys.readouterr().out
+    assert "catches 75.0% of the mutants" in out and "tests/room/test_module.py (2), tests/test_more.py (1)" in out
+    again = toy()
+    again.verdicts = {name: replace(one, tier="") for name, one in again.verdicts.items()}
+    again.judge(again.mutants)
+    assert again.verdicts == study.verdicts

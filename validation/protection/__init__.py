@@ -19,7 +19,7 @@ import json
 import os
 import sys
 import tempfile
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -31,7 +31,7 @@ from threading import Lock
 from rich.console import Console
 from rich.table import Table
 
-from .copies import Copy
+from .copies import Copy, Log, file_of
 from .mutants import PACKAGE, Mutant, drawn, kernels_with, rooms
 
 if sys.version_info >= (3, 11):
@@ -85,15 +85,15 @@ class Study:
     def judge(self, names: Iterable[str]) -> None:
         """Judge the mutants that have no verdict yet."""
         names = [name for name in names if not self.verdicts[name].equivalent]
-        new = [name for name in names if not self.verdicts[name].tier]
+        new = self._of(names, "")
         if not new and not self._of(names, OPEN):
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         copies = [Copy(self.root, self.folder, number) for number in range(self.jobs)]
         known = {name: [test for test in (self.verdicts[name].test, self.verdicts[name].also) if test] for name in new}
         sound = self._passing(copies[0], sorted({test for tests in known.values() for test in tests}))
-        self._each(copies, {name: [test for test in tests if test in sound] for name, tests in known.items() if tests}, again=True)
-        new = [name for name in new if not self.verdicts[name].tier]
+        self._each(copies, {name: tests for name, tests in known.items() if tests and sound.issuperset(tests)}, again=True)
+        new = self._of(new, "")
         if new:
             self._each(copies, self._tests_by_mutant(copies[0], new))
         self._all_tests(copies[0], self._of(names, OPEN))
@@ -111,45 +111,34 @@ class Study:
 
     def _tests_by_mutant(self, copy: Copy, names: list[str]) -> dict[str, list[str]]:
         """Return the tests of the first tier that run each mutant, from one run with probes, which is stored."""
-        stored, tree = self.folder / "executed.json", _hash_of(self.root)
-        found = json.loads(stored.read_text()) if stored.exists() else {}
-        if found.get("tree") != tree or found["mutants"] != sorted(self.mutants):
-            print("one run of the first tier with probes", flush=True)
-            with copy.with_probes(self.mutants.values()) as environment:
-                log = copy.run(environment, jobs=self.jobs)
-            found = {
-                "tree": tree,
-                "mutants": sorted(self.mutants),
-                "hits": {name: sorted(tests - log.failed.keys()) for name, tests in log.hits.items()},
-                "seconds": log.seconds,
-                "failed": sorted(log.failed),
-            }
-            stored.write_text(json.dumps(found))
-        return {name: self._in_order(self.mutants[name], found["hits"], found["seconds"]) for name in names}
+        tree = _hash_of(copy.path, self.mutants.values())
+        print(f"one run of the first tier with probes; its log is {self.folder}/probes-{tree}.log", flush=True)
+        with copy.with_probes(self.mutants.values()) as environment:
+            log = copy.run(environment, jobs=self.jobs, goes_on=f"probes-{tree}")
+        return {name: self._in_order(self.mutants[name], log) for name in names}
 
-    def _in_order(self, mutant: Mutant, hits: dict[str, list[str]], seconds: dict[str, float]) -> list[str]:
+    def _in_order(self, mutant: Mutant, log: Log) -> list[str]:
         """Return the tests that run a mutant: those in the folder of its room first, then files that take little time."""
         probes = [f"kernel {name}" for name in kernels_with(mutant, self.root)] if mutant.compiled else [mutant.name]
-        tests = {test for probe in probes for test in hits.get(probe, ())}
-        spent: Counter[str] = Counter()
+        hits = {test for probe in probes for test in log.hits[probe]}  # tests, and files whose tests share the result
+        tests = {test for test in log.seconds.keys() - log.failed.keys() if test in hits or file_of(test) in hits}
+        order, spent = {test: number for number, test in enumerate(log.seconds)}, dict.fromkeys(map(file_of, tests), 0.0)
         for test in tests:
-            spent[_file(test)] += seconds.get(test, 0.0)  # type: ignore[assignment]
-        order = {test: number for number, test in enumerate(seconds)}
+            spent[file_of(test)] += log.seconds[test]
         near = f"tests/{mutant.room}/"
-        return sorted(tests, key=lambda test: (not test.startswith(near), spent[_file(test)], _file(test), order.get(test, 0)))
+        return sorted(tests, key=lambda test: (not test.startswith(near), spent[file_of(test)], file_of(test), order[test]))
 
     def _each(self, copies: list[Copy], tests: dict[str, list[str]], again: bool = False) -> None:
         """Judge each mutant by its tests; with `again`, leave those open that not all of the tests have caught."""
         free: Queue[Copy] = Queue()
         for copy in copies:
-            copy.adopt(copies[0])
             free.put(copy)
 
         def one(name: str) -> None:
             copy = free.get()
             try:
                 caught = self._caught(copy, name, tests[name]) if tests[name] else []
-                if not again or len(caught) == len(tests[name]) > 0:
+                if not again or len(caught) == len(tests[name]):
                     self._conclude(name, FIRST if caught else OPEN, caught)
             finally:
                 free.put(copy)
@@ -163,7 +152,7 @@ class Study:
             log = copy.run(environment, tests, files=2, slow=slow)
         by_file: dict[str, str] = {}
         for test in log.failed:
-            by_file.setdefault(_file(test), test)
+            by_file.setdefault(file_of(test), test)
         return sorted(by_file.values(), key=lambda test: log.failed[test] != FIRST)
 
     def _all_tests(self, copy: Copy, names: list[str]) -> None:
@@ -171,11 +160,13 @@ class Study:
         if not names:
             return
         print(f"all tests, with {len(names)} mutants planted together: {', '.join(names)}", flush=True)
-        with copy.with_faults([self.mutants[name] for name in names]) as environment:
-            failed = copy.run(environment, slow=True, jobs=self.jobs).failed
+        planted = [self.mutants[name] for name in names]
+        with copy.with_faults(planted) as environment:
+            log = f"all-{_hash_of(copy.path, planted)}"
+            failed = copy.run(environment, slow=True, jobs=self.jobs, goes_on=log).failed
         with copy.with_faults(()) as environment:
             wrong = copy.run(environment, list(failed), slow=True).failed if failed else {}
-        suspects = sorted(failed.keys() - wrong.keys(), key=lambda test: (failed[test] != FIRST, _file(test)))
+        suspects = sorted(failed.keys() - wrong.keys(), key=lambda test: (failed[test] != FIRST, file_of(test)))
         for name in names:
             caught = self._caught(copy, name, suspects, slow=True) if suspects else []
             self._conclude(name, failed[caught[0]] if caught else NONE, caught)
@@ -206,21 +197,19 @@ def _read(table: Path) -> list[Verdict]:
     return [Verdict(**row) for row in tomllib.loads(table.read_text(encoding="utf-8"))["mutant"]] if table.exists() else []
 
 
-def _file(test: str) -> str:
-    return test.partition("::")[0]
-
-
-def _hash_of(root: Path) -> str:
-    """Return the hash of the package and its tests."""
+def _hash_of(root: Path, mutants: Iterable[Mutant]) -> str:
+    """Return a hash of the package, its tests and the mutants."""
     files = [path for folder in (PACKAGE, "tests") for path in sorted((root / folder).rglob("*.py"))]
-    return sha256(b"".join(str(path.relative_to(root)).encode() + path.read_bytes() for path in files)).hexdigest()
+    return sha256(b"".join([*(path.read_bytes() for path in files), repr(list(mutants)).encode()])).hexdigest()[:12]
 
 
 def report(verdicts: Iterable[Verdict], console: Console) -> bool:
     """Print the numbers of caught mutants by room, the others, and the files that alone catch one; return whether LEAST holds."""
     counted = [one for one in verdicts if not one.equivalent]
     table = Table("room", *(heading for heading in ("first tier", "slow only", "none", "not judged")), box=None)
-    tiers = {room: Counter(one.tier for one in counted if one.name.startswith(f"{room}/")) for room in _rooms(counted)}
+    tiers: dict[str, Counter[str]] = defaultdict(Counter)
+    for one in counted:
+        tiers[one.name.partition("/")[0]][one.tier] += 1
     tiers["all"] = Counter(one.tier for one in counted)
     for room, number in tiers.items():
         table.add_row(room, *(str(sum(number[tier] for tier in some)) for some in ((FIRST,), (SLOW,), (NONE,), ("", OPEN))))
@@ -229,16 +218,12 @@ def report(verdicts: Iterable[Verdict], console: Console) -> bool:
         if one.tier in (SLOW, NONE):
             console.print(f"{one.name}, {one.file}:{one.line} {one.function}, caught by {one.test or 'no test'}", markup=False)
             console.print(f"    {one.before}\n    {one.after}", markup=False)
-    alone = Counter(_file(one.test) for one in counted if one.test and not one.also)
+    alone = Counter(file_of(one.test) for one in counted if one.test and not one.also)
     console.print("files that alone catch mutants:", ", ".join(f"{file} ({n})" for file, n in alone.most_common()), markup=False)
     first, slow = tiers["all"][FIRST], tiers["all"][SLOW]
     share = first / max(first + slow, 1)
     console.print(f"the first tier catches {share:.1%} of the mutants that all tests catch (expected at least {LEAST:.0%})")
     return share >= LEAST
-
-
-def _rooms(verdicts: Iterable[Verdict]) -> list[str]:
-    return list(dict.fromkeys(one.name.partition("/")[0] for one in verdicts))
 
 
 def main(only: list[str], again: bool = False, listed: bool = False) -> int:

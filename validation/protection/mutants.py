@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from bisect import bisect
 from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,7 +13,7 @@ from pathlib import Path
 
 SEED = 21
 PACKAGE = "skfem_stvk"
-KINDS = ("operator", "index", "sign", "constant", "swap", "line")
+KINDS = ("constant", "index", "line", "operator", "sign", "swap")
 #: Operators and what replaces them. `<` becomes `>=`, because `<=` often has the same effect on numbers with rounding errors.
 OPERATORS = {
     ast.Add: "+-", ast.Sub: "-+", ast.Mult: "*/", ast.Div: "/*", ast.BitAnd: "&|", ast.BitOr: "|&", ast.Lt: ("<", ">="),
@@ -20,7 +21,7 @@ OPERATORS = {
     ast.And: ("and", "or"), ast.Or: ("or", "and"),
 }  # fmt: skip
 #: Functions whose arguments are messages, and functions that print: their mutants change no number.
-MESSAGES = {"log", "warn", "print", "note", "_say", "_print", "__repr__", "__str__", "_repr_html_"}
+MESSAGES = {"log", "warn", "print", "note", "_say", "_print", "add_argument", "__repr__", "__str__", "_repr_html_"}
 #: Functions with symmetric arguments, or with a type as an argument, so that swapped arguments are the same or always an error.
 SYMMETRIC = {"max", "min", "maximum", "minimum", "allclose", "isclose", "array_equal", "isinstance", "issubclass", "cast"}
 #: Packages that the tests do without: no test of theirs would run a fault in the files that import them.
@@ -94,7 +95,7 @@ class Finder(ast.NodeVisitor):
 
     def add(self, kind: str, node: ast.AST, start: int, end: int, text: str) -> None:
         if self.inside:
-            line = self.source[:start].count(b"\n") + 1
+            line = bisect(self.starts, start)
             function = ".".join(self.names)
             self.found.append(Mutant(self.room, kind, self.file, function, start, end, text, self.span(node), line))
 
@@ -120,10 +121,6 @@ class Finder(ast.NodeVisitor):
             self.visit(statement)
         self.names.pop()
         self.inside = before
-
-    def visit_If(self, node: ast.If) -> None:
-        if self.text(node.test) != "TYPE_CHECKING":
-            self.generic_visit(node)
 
     def visit_AnnAssign(self, node: ast.AnnAssign) -> None:
         if node.value:
@@ -217,14 +214,13 @@ def _is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.Constant) and isinstance(node.value, str)
 
 
-def room_of(file: Path) -> str:
-    """Return the room of a file, relative to the package: its first folder, or "files" for the files on top."""
-    return file.parts[0] if len(file.parts) > 1 else "files"
-
-
-def rooms(root: Path) -> list[str]:
-    """Return the rooms of the package in the checkout `root`."""
-    return sorted({room_of(path.relative_to(root / PACKAGE)) for path in (root / PACKAGE).rglob("*.py")})
+def rooms(root: Path) -> dict[str, list[Path]]:
+    """Return the files of each room of the package in the checkout `root`. The files on top of the package count as one room."""
+    found: dict[str, list[Path]] = defaultdict(list)
+    for path in sorted((root / PACKAGE).rglob("*.py")):
+        parts = path.relative_to(root / PACKAGE).parts
+        found[parts[0] if len(parts) > 1 else "files"].append(path)
+    return found
 
 
 def drawn(root: Path, seed: int = SEED) -> list[Mutant]:
@@ -233,33 +229,28 @@ def drawn(root: Path, seed: int = SEED) -> list[Mutant]:
     A candidate's number in the lottery is a hash of the seed, its function and its line, and the smallest number wins. A change of
     other functions therefore seldom changes the draw, and a move of files within a room does not.
     """
-    candidates = defaultdict(list)
-    for path in sorted((root / PACKAGE).rglob("*.py")):
-        room, source = room_of(path.relative_to(root / PACKAGE)), path.read_bytes()
-        if ABSENT.search(source):
-            continue
-        lines, seen = source.splitlines(), Counter[tuple[object, ...]]()
-        for one in Finder(room, path.relative_to(root).as_posix(), source).found:
-            identity = (one.kind, one.function, lines[one.line - 1].strip(), one.text)
-            number = sha256(repr((seed, *identity, seen[identity])).encode()).hexdigest()
-            seen[identity] += 1
-            candidates[room, one.kind].append((number, one, source))
     chosen: list[Mutant] = []
-    for (_, kind), numbered in sorted(candidates.items()):
-        taken = {(one.file, one.function) for one in chosen}
-        for _, one, source in sorted(numbered, key=lambda entry: entry[0]):
-            if (one.file, one.function) not in taken and _is_changed(one, source):
-                chosen.append(one)
-                break
-        else:
-            print(f"{numbered[0][1].room} has no mutant of kind {kind}")
+    for room, paths in rooms(root).items():
+        candidates, sources = defaultdict(list), {path: path.read_bytes() for path in paths}
+        for path, source in sources.items():
+            lines, seen = source.splitlines(), Counter[tuple[object, ...]]()
+            for one in () if ABSENT.search(source) else Finder(room, path.relative_to(root).as_posix(), source).found:
+                identity = (one.kind, one.function, lines[one.line - 1].strip(), one.text)
+                candidates[one.kind].append((sha256(repr((seed, *identity, seen[identity])).encode()).digest(), one))
+                seen[identity] += 1
+        functions: set[tuple[str, str]] = set()
+        for kind in KINDS:
+            for _, one in sorted(candidates[kind], key=lambda entry: entry[0]):
+                if (one.file, one.function) not in functions and _is_python(one.planted(sources[root / one.file])):
+                    functions.add((one.file, one.function))
+                    chosen.append(one)
+                    break
     return chosen
 
 
-def _is_changed(mutant: Mutant, source: bytes) -> bool:
-    """Return whether the mutated file is Python and another program."""
+def _is_python(source: bytes) -> bool:
     try:
-        return ast.dump(ast.parse(mutant.planted(source))) != ast.dump(ast.parse(source))
+        return bool(ast.parse(source))
     except SyntaxError:
         return False
 
@@ -273,11 +264,10 @@ def kernels_with(mutant: Mutant, root: Path) -> set[str]:
     for path in (root / PACKAGE / "kernels").glob("*.py"):
         for node in ast.parse(path.read_bytes()).body:
             if isinstance(node, ast.FunctionDef | ast.ClassDef):
-                for name in ast.walk(node):
-                    users[getattr(name, "id", getattr(name, "attr", ""))].add(node.name)
+                for part in ast.walk(node):
+                    users[_last(part)].add(node.name)
                 for decorator in node.decorator_list:
                     if isinstance(decorator, ast.Call) and decorator.args:
-                        users[node.name] |= users[_last(decorator.args[0])]
                         users[node.name].add(_last(decorator.args[0]))
     found, new = set(), {mutant.function.partition(".")[0]}
     while new:

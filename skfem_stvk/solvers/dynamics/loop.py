@@ -156,7 +156,7 @@ class Loop:
     @property
     def _monitors(self) -> Monitors:
         """Search for elements at which the model is unreliable, in the present body."""
-        return Monitors(self.setup.motion.system, ellipticity=False)
+        return Monitors(self.setup.motion.system)
 
     def _arrived(self, state: MotionState) -> None:
         self._ledger_writer.add_work(state)

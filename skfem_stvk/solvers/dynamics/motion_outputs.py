@@ -29,7 +29,6 @@ EVERY = 10
 #: Number of steps that no run reaches.
 NEVER = 1 << 62
 
-
 #: Interval between two updates of a bar [s], and number of updates over which steps/s are averaged.
 REFRESH, WINDOW = 0.25, 10
 ENERGIES = {"kinetic": "kinetic_energy", "strain": "strain_energy", "total": "total_energy", "closure error": "closure_error"}

@@ -54,7 +54,6 @@ def solve_static(
     u0: ArrayLike | None = None,
     t0: float = 0.0,
     stability: bool = False,
-    ellipticity: bool = False,
     save: str | os.PathLike[str] | None = None,
     fields: Sequence[str] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -92,8 +91,6 @@ def solve_static(
     stability
         Find the lowest eigenvalue of K at each state where the solver does not count negative eigenvalues. Direct solvers always
         count them.
-    ellipticity
-        Check each state for elements that have lost strong ellipticity.
     save
         Path of a .pvd file that is written as the states are found, with one .vtu file each. On several ranks, each state has a
         .pvtu file, and a .vtu file of each rank.
@@ -156,7 +153,6 @@ def solve_static(
         rtol=rtol,
         t0=t0,
         stability=stability,
-        ellipticity=ellipticity,
         output_files=OutputFiles.checked(save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite),
         quiet=quiet,
         raise_on_failure=raise_on_failure,
@@ -176,7 +172,6 @@ class StaticOptions:
     rtol: float
     t0: float
     stability: bool
-    ellipticity: bool
     output_files: OutputFiles
     quiet: bool
     raise_on_failure: bool
@@ -193,7 +188,7 @@ class StaticOptions:
         begin = number("t0", self.t0, "the load factor of u0, a number")
         if not self.arc_length and not begin < 1:
             raise StvkError(f"t0 = {shown(self.t0)}; expected less than 1, where load steps end.")
-        for name in ("stability", "ellipticity", "quiet", "raise_on_failure"):
+        for name in ("stability", "quiet", "raise_on_failure"):
             flag(name, getattr(self, name))
 
     @property
@@ -255,7 +250,8 @@ def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
     system.elastic_energies(start)  # raises an error on overflow
     set_time(system.bound_terms, t0)
     with system.units.of_errors():
-        system.refuse_start(start)
+        for contact in system.contacts:
+            contact.refuse_start(start.reshape(-1, system.mesh.d))
     system.check_held(start)
     return start
 
@@ -283,7 +279,7 @@ class _Solve:
         with ExitStack() as stack:
             outputs = PathOutputs(options.output_files, self._system, options.signature(signed), start, stack)
             report = stack.enter_context(PathProgress(header, options.quiet, space))
-            monitors = Monitors(self._system, options.ellipticity)
+            monitors = Monitors(self._system)
             for finding in monitors.before():
                 warn(finding.text)
             path_options = ContinuationOptions(

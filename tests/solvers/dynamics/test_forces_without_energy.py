@@ -70,6 +70,7 @@ def test_energy_momentum_has_the_work_of_the_force_at_the_middle(law):
         assert ledger["external_work"][-1] < 0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("mixed", [False, True])
 @pytest.mark.parametrize("law", [at_vertices, by_stress, in_frames])
@@ -89,6 +90,7 @@ def test_missing_energies_are_nan_and_the_rest_balances(law, mixed, integrator):
     assert np.abs(gained).max() < lost * size and np.abs(ledger["external_work"]).max() > 0.02 * size
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("law", [at_vertices, by_stress])
 def test_a_resumed_run_has_the_ledger_of_an_uninterrupted_run(law, integrator, tmp_path):

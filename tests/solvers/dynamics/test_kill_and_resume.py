@@ -125,6 +125,7 @@ def stopped(name, folder, monkeypatch, checkpoints, resume=False):
             whole(name, folder, resume)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SMALL)
 @pytest.mark.filterwarnings("ignore:.*inverted:skfem_stvk.errors.StvkWarning")
 def test_a_run_resumes_bit_for_bit_from_any_checkpoint(folders, monkeypatch, name):
@@ -144,6 +145,7 @@ def of_many_levels(young=2e4):
     return System(mesh, [law, Gravity((0, 0, -9.0))], fixed=[(lambda x: x[0] == 0, "xyz")])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg"])
 @pytest.mark.parametrize("integrator", [name for name, one in INTEGRATORS.items() if not one.explicit])
 def test_each_integrator_resumes_bit_for_bit_with_each_solver(integrator, solver, tmp_path):
@@ -272,6 +274,7 @@ def saved(tmp_path):
     return system, tmp_path / "run"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -476,6 +476,7 @@ def kinds():
     assert mesh.d == 3
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("column", "load"), [pytest.param(*kind, id=f"{type(kind[1]).__name__}, {kind[0]}") for kind in kinds()])
 def test_the_energy_of_a_load_is_in_the_ledger(column, load):
     mesh = MESHES[3]

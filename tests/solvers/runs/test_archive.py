@@ -57,6 +57,7 @@ def divided_numbers(parts, seed):
     return [rng.permutation(np.union1d(own, rng.integers(0, 40, 3))) for own in np.array_split(rng.permutation(40), parts)]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("before", "now"), [(3, 3), (3, 2), (2, 3), (5, 2), (3, 1), (1, 3)])
 @pytest.mark.parametrize("damaged", [False, True])
 def test_each_file_of_a_part_is_read_once_by_any_number_of_parts(before, now, damaged, tmp_path, monkeypatch):

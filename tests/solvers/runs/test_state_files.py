@@ -29,6 +29,7 @@ def moving(mesh, seed=0):
     return fields.at(u, v), u, v
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY)
 def test_displacements_and_velocities_are_read_back_bitwise(name, tmp_path):
     mesh = EVERY[name]

@@ -420,6 +420,7 @@ CONTINUATIONS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.filterwarnings("ignore:From t")
 @pytest.mark.parametrize(
     ("scene", "method"),
