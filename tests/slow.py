@@ -137,7 +137,6 @@ THINNED = {
         "test_elements_invert_at_the_times_in_the_table",
         "test_no_integrator_is_wrong_without_a_warning_and_the_plain_one_is",
     ),
-    "validation/test_hostile.py": ("test_a_planted_fault_of_each_kind_is_caught",),
     "validation/test_stability.py": ("test_the_claim_holds",),
     "referee/test_vectors.py": (
         "test_one_entry_of_a_file_that_is_not_a_number_is_named",
