@@ -21,6 +21,7 @@ from . import (
     models,
     operations,
     part,
+    protection,
     reduced,
     solvers,
     stability,
@@ -33,13 +34,13 @@ STUDIES: dict[str, Callable[..., int]] = {
     study.__name__.rpartition(".")[2]: study.main
     for study in (
         *(part, bench, distributed, operations, solvers, statics, hard, stability, dynamics, elements, models, reduced, contact),
-        *(hostile, fuzz),
+        *(hostile, fuzz, protection),
     )
 }
 #: Parts of a study that `--only` selects.
 PARTS = {
     study.__name__.rpartition(".")[2]: study.NAMES
-    for study in (statics, hard, stability, dynamics, elements, models, reduced, contact, hostile)
+    for study in (statics, hard, stability, dynamics, elements, models, reduced, contact, hostile, protection)
 }
 
 
@@ -72,6 +73,9 @@ def main() -> int:
             )
             command.add_argument("--seconds", type=float, metavar="S", help="start no new cases after this time")
             command.add_argument("--seed", type=int, default=0, help="seed of the first cases, 0 by default")
+        if "again" in options:
+            command.add_argument("--list", action="store_true", dest="listed", help="print the mutants, and run nothing")
+            command.add_argument("--again", action="store_true", help="judge mutants again that have a verdict")
         if "out" in options:
             command.add_argument("--out", metavar="FOLDER", help="write pictures and tables to this folder")
     arguments = vars(parser.parse_args())

@@ -6,14 +6,13 @@ import errno
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 from .. import arguments
 from ..errors import StvkError
-from ..space import Space
+from ..space import Communicator
 
 Result = TypeVar("Result")
 
@@ -113,7 +112,7 @@ def try_to_write(folder: Path, name: str = "") -> None:
 
 
 @contextmanager
-def in_all_parts(space: Space) -> Iterator[None]:
+def in_all_parts(comm: Communicator) -> Iterator[None]:
     """Raise the error of the first part of a divided body whose block raises one, in all parts.
 
     The block is for one part: it does not combine results.
@@ -123,25 +122,25 @@ def in_all_parts(space: Space) -> Iterator[None]:
         yield
     except Exception as error:
         raised = error
-    errors = space.each(None if raised is None else (isinstance(raised, OSError), str(raised)))
+    errors = comm.each(None if raised is None else (isinstance(raised, OSError), str(raised)))
     first = next((rank for rank, error in enumerate(errors) if error is not None), None)
-    if first == space.rank and raised is not None:
+    if first == comm.rank and raised is not None:
         raise raised
     if first is not None:
         disk, text = cast(tuple[bool, str], errors[first])
         raise (WriteError if disk else StvkError)(text) from raised
 
 
-def of_leader(space: Space, work: Callable[[], Result]) -> Result:
+def of_leader(comm: Communicator, work: Callable[[], Result]) -> Result:
     """Return `work()` of the leading part of a divided body, in all parts, or raise its error in all of them.
 
     The leading part is the only one that writes files which all parts share, and the one to read them while they change.
     """
     found: Result | None = None
-    with in_all_parts(space):
-        if space.leads:
+    with in_all_parts(comm):
+        if comm.leads:
             found = work()
-    return cast(Result, space.each(found)[0])
+    return cast(Result, comm.each(found)[0])
 
 
 def _sync_folder(folder: Path) -> None:
@@ -164,32 +163,3 @@ def output_folder(path: Path) -> Path:
             f"The checkpoint {path} cannot be written: {error.strerror}. Its parent must be an existing folder."
         ) from error
     return path
-
-
-@dataclass(frozen=True)
-class OutputFiles:
-    """Options of `solve_static` and `simulate` for their files."""
-
-    save: Path | None = None  # the .pvd file of a series of states
-    checkpoint: Path | None = None  # its folder
-    resume: bool = False  # whether to continue from the checkpoint
-    overwrite: bool = False  # whether to replace files of another problem
-    fields: Any = None  # names of further fields of its states, None for the usual ones
-    every: int | None = None  # steps from one state of the series to the next, None for the usual number
-
-    @classmethod
-    def checked(cls, *, save: Any, fields: Any, checkpoint: Any, resume: Any, overwrite: Any, every: Any = None) -> OutputFiles:
-        """Return the options of these keywords: paths that can be written, and a checkpoint if it is to be resumed."""
-        if every is not None:
-            every = arguments.whole("every", every, "a whole number of steps, at least 1", least=1)
-        if save is not None:
-            save = output_path(arguments.path("save", save, "the path of a file such as 'flag.pvd'"), ".pvd")
-        if checkpoint is not None:
-            checkpoint = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'flag'")
-        if arguments.flag("resume", resume) and checkpoint is None:
-            raise StvkError("resume = True; expected a checkpoint to resume: pass checkpoint='FOLDER'.")
-        return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite), fields, every)
-
-
-#: Options of a motion without files.
-NO_FILES = OutputFiles()

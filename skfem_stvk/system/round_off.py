@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arguments import Array
-from ..edges.pairs import joined
+from ..edges.bound_term import joined
 from .system import System
 
 EPS = float(np.finfo(float).eps)
@@ -28,7 +28,7 @@ def largest_error(system: System) -> Array:
             np.maximum.at(lengths, end, edges)
     blocks = system.linear_operator(np.zeros(system.ndofs)).diagonal_blocks()
     errors = MOST * np.abs(blocks).max(axis=(1, 2)) * lengths
-    return np.repeat(np.where(errors > 0, errors, system.space.most(float(errors.max(initial=0.0)))), d)
+    return np.repeat(np.where(errors > 0, errors, system.space.comm.most(float(errors.max(initial=0.0)))), d)
 
 
 def below(largest: Array, sums: Array) -> Array:

@@ -35,6 +35,7 @@ def quick(name):
     return study
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in contact.NAMES if name not in contact.WHOLE_ONLY])
 def test_the_quick_study_holds(name, gmsh):
     study = quick(name)

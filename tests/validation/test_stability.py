@@ -56,6 +56,7 @@ def test_the_laws_cases_are_homogeneous_states(case):
 # the studies
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "study",
     [

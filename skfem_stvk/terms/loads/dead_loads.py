@@ -13,6 +13,7 @@ from ...arguments import Array, Quantity
 from ...mesh import ElementMesh
 from ...mesh.locations import Where, describe, facets_at, in_value_order, vertices_at
 from ..body import Body
+from ..bound_load import BoundLoad
 from ..protocols import Load
 from .load import Moment, Time, Value
 from .spread import Spread
@@ -56,7 +57,10 @@ class Gravity(Load):
         spread = spread_over(body, lambda one: one.mass)
         lumped = Nodes(body.mesh, spread.vertices, body.lumped_mass[spread.vertices])
         return Weight(
-            body.mesh, spread, lumped, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g", divided=body.mesh.space.divided)
+            body.mesh,
+            spread,
+            lumped,
+            Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g", divided=body.mesh.space.comm.divided),
         )
 
 
@@ -102,7 +106,7 @@ class BodyForce(Load):
         return DeadLoad(
             body.mesh,
             spread,
-            Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force", divided=body.mesh.space.divided),
+            Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force", divided=body.mesh.space.comm.divided),
         )
 
 
@@ -145,7 +149,7 @@ class NodalLoad(Load):
         weights = body.mesh.space.counted(np.where(body.bare, 0.0, 1.0))[vertices]  # each node once in a divided body
         nodes = Nodes(body.mesh, vertices, None if weights.all() else weights)
         return DeadLoad(
-            body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force", divided=body.mesh.space.divided)
+            body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force", divided=body.mesh.space.comm.divided)
         )
 
 
@@ -193,7 +197,7 @@ class Traction(Load):
         return DeadLoad(
             body.mesh,
             spread,
-            Value(self.traction, (body.mesh.d,), spread.x, what, name="traction", divided=body.mesh.space.divided),
+            Value(self.traction, (body.mesh.d,), spread.x, what, name="traction", divided=body.mesh.space.comm.divided),
         )
 
 
@@ -231,26 +235,20 @@ class Nodes:
         return each if self._weights is None else self._weights[:, None] * each
 
 
-class DeadLoad:
+class DeadLoad(BoundLoad):
     """Load with values `f(t)` at the nodes of the `spread`, and the potential `-f . u`.
 
     Constants are spread once. Values of a function are spread again when they differ from those of the previous call, since the
     function may depend on more than `t`.
     """
 
-    has_potential = dead = True
-
     def __init__(self, mesh: ElementMesh, spread: Spread | CombinedSpread | Nodes, value: Value) -> None:
         self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
         self._spread, self._value = spread, value
         self._unit = None if value.constant is None else spread.integrate(value.constant)
+        self.steady = self._unit is not None
         self._known: tuple[Any, Values] = None, np.empty(0)
         self.forces(1.0)
-
-    @property
-    def steady(self) -> bool:
-        """Whether the load is constant in time, that is, not a function."""
-        return self._unit is not None
 
     def forces(self, t: Time) -> Values:
         """Return the forces (n, d) on its nodes [N]."""

@@ -18,6 +18,7 @@ from ...mesh.locations import Where, describe, facets_at, in_value_order
 from ...mesh.points import base_vectors_at, normals_of
 from ...mesh.rules import rule_of
 from ..body import Body
+from ..bound_load import BoundLoad
 from ..connectivity import simplices_of
 from ..protocols import Load
 from .load import Time, Value
@@ -90,11 +91,11 @@ class Pressure(Load):
             vertices, sizes = in_value_order(mesh, self.where, surface), body.facet_sections(surface)  # 1 of solids
         spread = Spread(mesh, element, surface, sizes, vertices)
         return FollowerPressure(
-            mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure", divided=mesh.space.divided)
+            mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure", divided=mesh.space.comm.divided)
         )
 
 
-class FollowerPressure:
+class FollowerPressure(BoundLoad):
     """Pressure on facets that move with their nodes, at the points of a rule, with base vectors `x_i = sum_a dN_a/dxi_i x_a`.
 
         f_a = - sum_q w_aq A_q(x),     w_aq = weight_q N_a(q) p(q)
@@ -114,6 +115,7 @@ class FollowerPressure:
     def __init__(self, mesh: ElementMesh, surface: NDArray[np.int32], spread: Spread, value: Value) -> None:
         element = spread.element
         self._surface, self._spread, self._value = surface, spread, value
+        self.steady = value.constant is not None
         self._rule = rule_of(element, "usual" if element.is_linear_simplex else "mass")
         self._slopes = element.derivatives(self._rule.points)
         self._rest = self._base_vectors(mesh.p.T)
@@ -126,11 +128,6 @@ class FollowerPressure:
         for side, (i, j) in zip(sides, pairs, strict=True):
             turned = surface[i] > surface[j]
             self._block[i, j], self._block[j, i] = side + ne * turned, side + ne * ~turned
-
-    @property
-    def steady(self) -> bool:
-        """Whether the load is constant in time, that is, not a function."""
-        return self._value.constant is not None
 
     def potential(self, u: Array, t: Time) -> float:
         """Refuse, since follower pressure has no potential."""
@@ -191,7 +188,7 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int3
             f"{what}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, element ids or a "
             "mask, or None."
         )
-    if mesh.space.divided:
+    if mesh.space.comm.divided:
         raise LoadError(
             f"{what}: the mesh of {mesh.kind} is divided among ranks, so the side of elements on other ranks is not known; "
             "expected a solid, whose outside is known, or one rank."
