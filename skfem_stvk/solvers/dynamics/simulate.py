@@ -247,7 +247,8 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         raise SupportError(system.units.text(text))
     set_time(system.bound_terms, moment)
     with system.units.of_errors():
-        system.refuse_start(u)
+        for contact in system.contacts:
+            contact.refuse_start(u.reshape(-1, mesh.d))
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)

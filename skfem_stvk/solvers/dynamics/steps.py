@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import StvkError, warn
+from ...mesh.displacements import by_vertex
+from ...system import System
 from ..newton.newton import End
 from .integrators import Integrator, StepFailed
 from .ledger_rows import LedgerWriter
@@ -148,7 +150,7 @@ class Steps:
         body.commit(state.u, self._motion.moment(state.t))
         try:
             self.stepper.step(state, t)
-            if before is not None and (name := system.passed_contact(before.u, state.u)):
+            if before is not None and (name := _passed_contact(system, before.u, state.u)):
                 state.copy_from(before)
                 raise StepFailed(f"{End.CONTACT.value}: {name!r}")
         except StepFailed:
@@ -160,3 +162,9 @@ class Steps:
         if before is not None:
             self.stepper.store_forces(before, state)
         self._arrived(state)
+
+
+def _passed_contact(system: System, u0: Array, u1: Array) -> str:
+    """Return the name of a contact that is passed through from `u0` to `u1` over the present step; "" if there is none."""
+    x0, x1 = (by_vertex(system.mesh, u) for u in (u0, u1))
+    return next((contact.name for contact in system.contacts if contact.passes(x0, x1)), "")

@@ -250,7 +250,8 @@ def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
     system.elastic_energies(start)  # raises an error on overflow
     set_time(system.bound_terms, t0)
     with system.units.of_errors():
-        system.refuse_start(start)
+        for contact in system.contacts:
+            contact.refuse_start(start.reshape(-1, system.mesh.d))
     system.check_held(start)
     return start
 
