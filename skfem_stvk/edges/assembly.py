@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, cast
 
 import numpy as np
@@ -221,16 +221,16 @@ class Assembly(PairTerm):
         """
         return not self.by_edges or kept.negative == kept.positive or self.points is not None
 
-    @locked
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
         """Fill K as in `PairTerm`. If K is made `by_rows`, no array of all blocks is needed."""
         if not self.by_rows(kept):
             return super().fill(u, rows.of_all_pairs, data, add, force, kept)
-        self.elements.gather(u)
-        found, more = rows.fill(lambda to: self._linearize(to, kept, force), data, add)
-        W, total = self._total(found)
+        with self._lock:
+            self.elements.gather(u)
+            found, more = rows.fill(partial(self._linearize, kept=kept, force=force), data, add)
+            W, total = self._total(found)
         return Linearized(W, total + more)
 
     @locked

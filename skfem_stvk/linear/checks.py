@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
 from ..kernels.threads import CopyableLock
-from ..space import Space
+from ..space import ONE_PROCESS
 from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector, structure_of
 
 Method = TypeVar("Method", bound=Callable[..., Any])
@@ -80,13 +80,10 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
             f"K has {K.nnz} values in another structure; expected {analysed}. Keep the zeros of K, or call analyse() again."
         )
     values = np.ascontiguousarray(K.data, dtype=np.float64)
-    (unknowns.space or Space(n)).comm.together(_refuse_infinite, values)
+    with (ONE_PROCESS if unknowns.space is None else unknowns.space.comm).together():
+        if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
+            raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the previous step diverge?")
     return values
-
-
-def _refuse_infinite(values: NDArray[np.float64]) -> None:
-    if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
-        raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the previous step diverge?")
 
 
 def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector, float, Vector | None]:

@@ -277,7 +277,8 @@ class BoundTerms:
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Return displacements as (nv, d). All parts of a divided body call this method together."""
-        return self.space.comm.together(by_vertex, self.mesh, u, name)
+        with self.space.comm.together():
+            return by_vertex(self.mesh, u, name)
 
 
 def inverted_in_part(body: BoundTerms, u: ArrayLike) -> NDArray[np.int64]:
