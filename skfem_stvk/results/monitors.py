@@ -12,6 +12,7 @@ from ..arguments import Array
 from ..edges.materials import FramedMaterial, Isotropic, Material
 from ..errors import name_ids
 from ..mesh import ElementMesh
+from ..npz import Ids
 from ..system import System
 from ..system.bound import FLAT, compressed_in_part, inverted_in_part
 from ..terms import HasStress
@@ -43,7 +44,7 @@ class Finding:
     """
 
     name: str
-    elements: NDArray[np.int64]
+    elements: Ids
     extreme: float
     text: str
 

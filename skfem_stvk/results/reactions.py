@@ -18,7 +18,6 @@ from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..mesh.locations import LocationShape, Where, describe, vertices_at
 from ..system import FreeDofs, System
-from ..terms import Grounded
 from ..units import UNITS, UnitSystem
 
 
@@ -221,9 +220,8 @@ def _dofs_of_supports(system: System) -> tuple[dict[str, list[tuple[Where | None
     for where, dofs in system.supports.entries:
         add(where, np.concatenate([dofs, tied[np.isin(tied // d, dofs // d)]]))
     alone = tied[counts[tied] == 0]
-    for term in system.bound_terms:
-        if isinstance(term, Grounded):
-            add(getattr(term, "where", None), np.intersect1d(alone, system.space.union(term.grounded, system.ndofs)))
+    for term in system.foundations:
+        add(term.where, np.intersect1d(alone, system.space.union(term.grounded, system.ndofs)))
     return found, counts
 
 

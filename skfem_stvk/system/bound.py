@@ -4,34 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, number, whole_array
+from ..edges.bound_term import Bound, BoundElements, BoundTerm, bound, joined, with_blocks
 from ..edges.elements import Quadrature
-from ..edges.pairs import AccumulatedTerm, joined, with_blocks
 from ..errors import ContactError, RegionError, StvkError, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..terms import (
     Body,
     BoundLoad,
-    BoundTerm,
-    CanRemove,
     DoesWork,
-    Grounded,
     HasContact,
-    HasHistory,
-    HasStretch,
-    HasVolume,
     Load,
-    Quartic,
     Term,
     is_load,
 )
+from ..terms.bound_load import bound_load
 from ..terms.connectivity import Connected
 from ..terms.loads.load import Moment, Time
 from ..terms.protocols import Assumption, set_time
@@ -73,10 +66,10 @@ class BoundTerms:
         self.body = Body(mesh, self._terms_on(0), quadrature, others)
         bodies = (self.body, *others)
         self.bound_terms: tuple[BoundTerm, ...] = tuple(
-            term.bind(bodies[number], self.dtype) for number, term in zip(self._of, self.elastic_terms, strict=True)
+            bound(term.bind(bodies[number], self.dtype)) for number, term in zip(self._of, self.elastic_terms, strict=True)
         )
-        self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self.body) for load in self.loads)
-        self._declare()
+        self.bound_loads: tuple[BoundLoad, ...] = tuple(bound_load(load.bind(self.body)) for load in self.loads)
+        self._sort()
         names = [contact.name for contact in self.contacts]
         if len(set(names)) < len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
@@ -84,23 +77,41 @@ class BoundTerms:
             raise ContactError(f"{listed}: several contacts; expected a name of its own for each, such as name='floor'.")
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
         self._used = np.zeros(mesh.nv, dtype=bool)
-        for bound in self.bound_terms:
-            self._used[bound.nodes_paired.ravel()] = True
+        for term in self.bound_terms:
+            self._used[term.nodes_paired.ravel()] = True
         bare = self.space.share(self._used.astype(float)) == 0
         if self.space.comm.any(bool(bare.any())):
             warn(f"{mesh.name_nodes(bare)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
-    def _declare(self) -> None:
-        """List the contacts, and combine what the bound terms and loads declare."""
-        self.contacts = [term for term in self.bound_terms if isinstance(term, HasContact)]
-        self.working_contacts = [term for term in self.bound_terms if isinstance(term, DoesWork)]
+    def _sort(self) -> None:
+        """Sort the bound terms and loads by what they can do.
+
+        Of the terms with volumes, those are listed with the ids of their elements that have elements of no earlier term; most often
+        the first term covers all elements.
+        """
+        every: tuple[Bound, ...] = (*self.bound_terms, *self.bound_loads)
+        #: Terms that tie the body to the ground, such as foundations.
+        self.foundations = [term for term in self.bound_terms if term.grounded is not None]
+        self._with_history = [one for one in every if one.has_history]
+        self._with_changing_pairs = [one for one in every if one.pairs_change]
+        specified = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
+        self.on_elements = [(number, of, term) for number, of, term in specified if isinstance(term, BoundElements)]
+        self._with_volume: list[tuple[NDArray[np.int64], BoundElements]] = []
+        known = np.zeros(self.mesh.nt, dtype=bool)
+        for specification, term in self._on_elements_of_mesh:
+            elements = self.mesh.elements(specification.region)
+            if not known[elements].all():
+                self._with_volume.append((elements, term))
+            known[elements] = True
+        self.contacts: list[HasContact] = [term for term in self.bound_terms if isinstance(term, HasContact)]
+        self.working_contacts: list[DoesWork] = [term for term in self.bound_terms if isinstance(term, DoesWork)]
         self.elastic_names = [name for name, term in self._named if not is_load(term)]
         self.without_energy = [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
         elastic = not self.without_energy and all(term.symmetric for term in self.bound_terms)
         self.conservative = elastic and all(load.has_potential for load in self.bound_loads)
         self.dead = elastic and all(load.dead for load in self.bound_loads)
-        self.constant_tangent = self.dead and all(getattr(term, "constant_tangent", False) for term in self.bound_terms)
-        self.quartic = all(isinstance(term, Quartic) for term in self.bound_terms)
+        self.constant_tangent = self.dead and all(term.constant_tangent for term in self.bound_terms)
+        self.quartic = all(term.quartic for term in self.bound_terms)
         self.resists_inversion = any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
         self.removed, self.bare = np.flatnonzero(self.body.removed), np.flatnonzero(self.body.bare)
 
@@ -114,18 +125,22 @@ class BoundTerms:
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         return [(specification, term) for number, specification, term in every if number == 0]
 
+    @property
+    def _on_elements_of_mesh(self) -> list[tuple[Any, BoundElements]]:
+        return [(specification, term) for number, specification, term in self.on_elements if number == 0]
+
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
-        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not isinstance(bound, CanRemove)]
+        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not bound.removable]
         unsupported += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
-            if not isinstance(bound, CanRemove) and (isinstance(bound, HasHistory) or hasattr(bound, "pattern_version"))
+            if not bound.removable and (bound.has_history or bound.pairs_change)
         ]
         if unsupported:
             raise StvkError(
                 f"{', '.join(unsupported)}: elements cannot be removed from it; expected a method without(removed), as in "
-                "skfem_stvk.terms.CanRemove; or build a System of the mesh without these elements."
+                "skfem_stvk.edges.bound_term.Bound; or build a System of the mesh without these elements."
             )
 
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
@@ -133,19 +148,19 @@ class BoundTerms:
         removed = self.body.removed.copy()
         removed[elements] = True
 
-        def remaining(specification: Any, bound: CanRemove) -> Any:
+        def remaining(specification: Any, bound: Any) -> Any:
             return bound.without(removed[self.mesh.elements(getattr(specification, "region", None))])
 
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
-        terms = [term if number else remaining(specification, cast(CanRemove, term)) for number, specification, term in every]
+        terms = [term if number else remaining(specification, term) for number, specification, term in every]
         joined_nodes = np.zeros(self.mesh.nv, dtype=bool)
         for term in terms:
             joined_nodes[joined(term).ravel()] = True
-            if isinstance(term, Grounded):
+            if term.grounded is not None:
                 joined_nodes[term.grounded // self.mesh.d] = True
         self.body = self.body.without(removed, self._used & ~joined_nodes)
         loads = [
-            remaining(load, bound) if isinstance(bound, CanRemove) else load.bind(self.body)
+            remaining(load, bound) if bound.removable else bound_load(load.bind(self.body))
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
         ]
         self._replace_bound(terms, loads)
@@ -153,13 +168,8 @@ class BoundTerms:
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[BoundLoad]) -> None:
         """Replace the bound terms and loads of a copy by others that couple the same pairs."""
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
-        self.pair_terms = tuple(
-            pairs.with_term(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
-            for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
-        )
-        for name in ("_with_changing_pairs", "_with_history", "_with_volume"):
-            self.__dict__.pop(name, None)
-        self._declare()
+        self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
+        self._sort()
 
     def commit(self, u: ArrayLike, t: Time) -> None:
         """Begin a step at displacements `u` (ndofs,), at the load factor or moment `t`; terms with history store them."""
@@ -178,15 +188,6 @@ class BoundTerms:
             raise ValueError(f"it has the histories of {len(history)} terms; expected {len(self._with_history)}")
         for term, one in zip(self._with_history, history, strict=True):
             term.history = one
-
-    @cached_property
-    def _with_history(self) -> list[HasHistory]:
-        return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasHistory)]
-
-    @cached_property
-    def _with_changing_pairs(self) -> list[Any]:
-        """Terms and loads that couple other nodes as the body moves, such as contacts between bodies."""
-        return [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """Return the smallest volume ratio `J` of an element at `u` to rest; an element with `J < 0` is inverted.
@@ -248,8 +249,7 @@ class BoundTerms:
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body softens: under uniaxial compression more shortening takes less force.
         """
         x = self._state(u)
-        stretches = (term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch))
-        return self.space.comm.least(min(stretches, default=np.inf))
+        return self.space.comm.least(min((term.smallest_stretch(x) for _, term in self._on_elements_of_mesh), default=np.inf))
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
@@ -257,19 +257,6 @@ class BoundTerms:
         StateError as in `energy`.
         """
         return self.mesh.ids_of_all(compressed_in_part(self, u, below))
-
-    @cached_property
-    def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
-        """Terms that provide volume ratios, and the ids of their elements; most often the first term covers all elements."""
-        retained: list[tuple[NDArray[np.int64], HasVolume]] = []
-        known = np.zeros(self.mesh.nt, dtype=bool)
-        for specification, term in self._on_mesh:
-            if isinstance(term, HasVolume):
-                elements = self.mesh.elements(specification.region)
-                if not known[elements].all():
-                    retained.append((elements, term))
-                known[elements] = True
-        return retained
 
     @property
     def _named(self) -> list[tuple[str, Any]]:
@@ -291,8 +278,8 @@ def inverted_in_part(body: BoundTerms, u: ArrayLike) -> NDArray[np.int64]:
 def compressed_in_part(body: BoundTerms, u: ArrayLike, below: float) -> NDArray[np.int64]:
     """Return the ids of the elements of `compressed` in this part of a divided body."""
     x, below, ids = body._state(u), number("below", below, "a finite stretch"), [np.empty(0, dtype=np.int64)]
-    for specification, term in body._on_mesh:
-        if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
+    for specification, term in body._on_elements_of_mesh:
+        if term.smallest_stretch(x) < below:
             ids.append(body.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
     return np.unique(np.concatenate(ids))
 

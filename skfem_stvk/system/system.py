@@ -15,8 +15,9 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
+from ..edges.bound_term import joined
 from ..edges.elements import checked_quadrature, nbytes
-from ..edges.pairs import AccumulatedBlocks, joined, look_at, version_of
+from ..edges.pairs import AccumulatedBlocks, PairTerm
 from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import CopyableLock, locked
 from ..mesh import ElementMesh, MeshLike
@@ -25,18 +26,12 @@ from ..mesh.displacements import array_to_fill, by_vertex
 from ..mesh.locations import DofsView
 from ..terminal import html_table
 from ..terms import (
-    FollowerLoad,
-    Grounded,
+    BoundLoad,
     HasContact,
-    HasHistory,
-    HasMemory,
-    HasRoundOff,
     HasStress,
     HoldsShape,
     Load,
     MeshContact,
-    Quartic,
-    TakesTime,
     Term,
     is_load,
 )
@@ -280,7 +275,7 @@ class System(BoundTerms):
             return self
 
         def begun(term: Any) -> Any:
-            if isinstance(term, HasHistory):
+            if term.has_history:
                 return term.with_new_history(in_time)
             return copy(term) if isinstance(term, HasContact) else term
 
@@ -312,8 +307,8 @@ class System(BoundTerms):
         self._follower_loads = [blocks.with_term(load) for blocks, load in followers]
         self._operator = None
 
-    def _bound_follower_loads(self) -> list[FollowerLoad]:
-        return [load for load in self.bound_loads if isinstance(load, FollowerLoad)]
+    def _bound_follower_loads(self) -> list[BoundLoad]:
+        return [load for load in self.bound_loads if not load.dead]
 
     def prescribe(self, u: Array, t: Time) -> Array:
         """Write the displacements of supports to `u` in place; return `u`.
@@ -329,7 +324,7 @@ class System(BoundTerms):
     @property
     def pattern_version(self) -> int:
         """Number of changes of the node couplings by terms; data computed for a pattern are valid for one version."""
-        return sum(map(version_of, self._with_changing_pairs))
+        return sum(term.pattern_version for term in self._with_changing_pairs)
 
     def look(self, u: ArrayLike) -> None:
         """Let terms whose pairs follow the body, such as contacts, couple those of the tangent at displacements `u`.
@@ -337,7 +332,12 @@ class System(BoundTerms):
         `tangent`, `linearize` and `jacobian` call it. Data that depend on `pattern_version` may have to be made again.
         """
         if self._with_changing_pairs:
-            look_at(self._with_changing_pairs, self._state(u))
+            self._look(self._state(u))
+
+    def _look(self, x: Array) -> None:
+        """Let the terms whose pairs follow the body couple those that their stiffness at `x` (nv, d) contains."""
+        for term in self._with_changing_pairs:
+            term.look(x)
 
     @property
     def pattern(self) -> Pattern:
@@ -400,7 +400,7 @@ class System(BoundTerms):
         """
         x = self._state(u)
         with self._lock:
-            look_at(self._with_changing_pairs, x)
+            self._look(x)
             K, rows_of_terms = self._to_fill(out, ALL, free)
             if rows_of_terms is None:
                 assert free is not None
@@ -418,7 +418,7 @@ class System(BoundTerms):
         """
         self._refuse_without_energy()
         x = self._state(u)
-        look_at(self._with_changing_pairs, x)
+        self._look(x)
         K, rows_of_terms, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
 
         def of_part() -> float:
@@ -444,7 +444,7 @@ class System(BoundTerms):
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
             self._operator = self.linear_operator(u)
-        elif self.space.comm.any(not self._operator.is_at(x)) or any(isinstance(term, TakesTime) for term in self.bound_terms):
+        elif self.space.comm.any(not self._operator.is_at(x)) or any(term.takes_time for term in self.bound_terms):
             self._operator.prepare(u)
         product = self._operator.matvec(y)
         with self.space.comm.together():
@@ -521,7 +521,7 @@ class System(BoundTerms):
         factors, x = _checked_tensions(kept), self._state(u)
         with self._lock:
             moment = self._moment(t)
-            look_at(self._with_changing_pairs, x)
+            self._look(x)
             K, rows_of_terms = self._to_fill(out, factors, free)
             if rows_of_terms is None:
                 assert free is not None
@@ -598,8 +598,7 @@ class System(BoundTerms):
 
     def foundation_force(self, u: ArrayLike) -> Array:
         """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force."""
-        grounding = [term for term in self.bound_terms if isinstance(term, Grounded)]
-        return self._force_on_body(grounding, u, "The force of foundations")
+        return self._force_on_body(self.foundations, u, "The force of foundations")
 
     def contact_force(self, u: ArrayLike) -> Array:
         """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force."""
@@ -631,15 +630,14 @@ class System(BoundTerms):
         StvkError
             if the energy is not a quartic, see `quartic`.
         """
-        quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
-        if len(quartics) < len(self.bound_terms):
+        if not self.quartic:
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
 
         coefficients = np.zeros(5)
         with self.space.comm.together():
             x, y = by_vertex(self.mesh, u), by_vertex(self.mesh, v, "v")
-            for term in quartics:
+            for term in self.bound_terms:
                 coefficients = coefficients + term.along(x, y)
             refuse_overflow(coefficients, "W along a line", x)
         return self.space.comm.total(coefficients)
@@ -653,11 +651,8 @@ class System(BoundTerms):
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
 
         with self.space.comm.together():
-            for term, pairs in zip(self.bound_terms, self.pair_terms, strict=True):
-                if isinstance(term, HasRoundOff):
-                    term.add_round_off(x, sums)
-                else:
-                    pairs.add_magnitudes(x, sums)
+            for term in self.bound_terms:
+                term.add_round_off(x, sums)
         return self.space.share(sums).ravel()
 
     def check_held(self, u: ArrayLike | None = None) -> None:
@@ -724,12 +719,12 @@ class System(BoundTerms):
         """
         parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes + sum(body.mesh.t.nbytes for body in self.body.beside)}
         for term in (*self.bound_terms, *self.bound_loads):
-            if isinstance(term, HasMemory):
-                for name, count in term.memory().items():
-                    parts[name] = parts.get(name, 0) + count
-        for blocks in (*self.pair_terms, *self._follower_loads):
-            if isinstance(blocks, AccumulatedBlocks):
-                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + blocks.own_memory()
+            for name, count in term.memory().items():
+                parts[name] = parts.get(name, 0) + count
+        every: tuple[PairTerm | AccumulatedBlocks, ...] = (*self.pair_terms, *self._follower_loads)
+        for blocks in every:
+            if count := blocks.own_memory():
+                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + count
         parts["rows of K"] = 0 if self._row_cache is None else nbytes(self._row_cache[1:])
         parts["pattern of K"] = 0 if self._pattern is None else self._pattern.memory()
         parts["product"] = self._operator.memory() if self._operator is not None else 0

@@ -2,7 +2,9 @@
 
 from typing import Any
 
+from ..edges.bound_term import BoundElements, BoundTerm
 from .body import Body
+from .bound_load import BoundLoad
 from .laws.corotated import Corotated
 from .laws.edge_network import EdgeNetwork
 from .laws.invertible import InvertibleStVK
@@ -21,30 +23,15 @@ from .loads.rigid_mesh import RigidMesh
 from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .loads.times import Ramp, Sine, Table
 from .protocols import (
-    BoundLoad,
-    BoundTerm,
-    CanRemove,
     Deformation,
     DoesWork,
-    FollowerLoad,
-    Grounded,
     HasContact,
-    HasDampingForce,
-    HasHistory,
-    HasMeanForce,
-    HasMemory,
     HasPressure,
     HasResponse,
-    HasRoundOff,
-    HasStrainProducts,
     HasStress,
-    HasStretch,
-    HasVolume,
     HoldsShape,
     Load,
     PointResponse,
-    Quartic,
-    TakesTime,
     Term,
     is_load,
 )
@@ -73,30 +60,20 @@ __all__ = [
     "TERMS",
     "Body",
     "BodyForce",
+    "BoundElements",
     "BoundLoad",
     "BoundTerm",
-    "CanRemove",
     "Corotated",
     "Deformation",
     "DoesWork",
     "EdgeNetwork",
     "ElasticFoundation",
-    "FollowerLoad",
     "Friction",
     "Gravity",
-    "Grounded",
     "HasContact",
-    "HasDampingForce",
-    "HasHistory",
-    "HasMeanForce",
-    "HasMemory",
     "HasPressure",
     "HasResponse",
-    "HasRoundOff",
-    "HasStrainProducts",
     "HasStress",
-    "HasStretch",
-    "HasVolume",
     "HoldsShape",
     "InvertibleStVK",
     "LinearElastic",
@@ -106,7 +83,6 @@ __all__ = [
     "NodalLoad",
     "PointResponse",
     "Pressure",
-    "Quartic",
     "Ramp",
     "RigidBox",
     "RigidContact",
@@ -118,7 +94,6 @@ __all__ = [
     "SpringNetwork",
     "StVK",
     "Table",
-    "TakesTime",
     "Term",
     "Traction",
     "VolumePenalty",

@@ -11,14 +11,14 @@ from kernels.parts import in_parts, on_twins
 from kernels.test_readable import LAWS, quadrature, rules
 from kernels.test_readable import MESHES as EVERY_MESH
 from numba.core.dispatcher import Dispatcher
-from slow import slow, slow_but
+from slow import slow
 
 from skfem_stvk import Anisotropic, EdgeNetwork, LinearElastic, SpringNetwork, StVK, System, VolumePenalty
 from skfem_stvk import kernels as compiled_kernels
 from skfem_stvk.edges import Tensions
 from skfem_stvk.kernels import networks, reduced
 from skfem_stvk.kernels.lanes import LANES
-from skfem_stvk.terms import Body, HasDampingForce, HasRoundOff, HasVolume, Quartic
+from skfem_stvk.terms import Body, BoundElements
 from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 
@@ -52,15 +52,12 @@ def of_terms(mesh, terms, dtype, amount, kind):
         assembly, v = term.bind(Body(mesh, [], quadrature(mesh, kind)), dtype), state(mesh, seed=9).reshape(-1, mesh.d)
         u = state(mesh, amount).reshape(-1, mesh.d) - 0.3 * mesh.p.T
         sizes, diagonal, product = np.zeros_like(u), np.zeros((*u.shape, mesh.d)), np.zeros_like(u)
-        if isinstance(assembly, HasRoundOff):
-            assembly.add_round_off(u, sizes)
-        else:
-            assembly.add_magnitudes(u, sizes)
+        assembly.add_round_off(u, sizes)
         _, blocks = assembly.blocks(u, kept=Tensions(0.9, 0.2))
         assembly.pairs.add_diagonal(blocks, diagonal)
         assembly.pairs.add_product(blocks, v, product)
         assembly.pairs.add_norms(blocks, np.arange(1.0, mesh.nv + 1), norms := np.zeros(mesh.nv))
-        if isinstance(assembly, HasDampingForce):
+        if assembly.damped:
             mean, damping = np.zeros_like(u), np.zeros_like(u)
             found |= {
                 f"energy of the change of {i}": assembly.mean_force(u, u + v, (0.2, 0.7), 0.3, mean),
@@ -68,7 +65,7 @@ def of_terms(mesh, terms, dtype, amount, kind):
                 f"half the power of the damping of {i}": assembly.damping_force(u, v, damping),
                 f"damping of {i}": damping,
             }
-        if isinstance(assembly, Quartic):
+        if assembly.quartic:
             found[f"energy of {i} along a line"] = assembly.along(u, v)[:3]
         if isinstance(term, StVK) and mesh.element.is_linear_simplex:
             found |= {
@@ -82,7 +79,7 @@ def of_terms(mesh, terms, dtype, amount, kind):
             f"weighed product of {i}": product,
             f"clamped norms of {i}": norms,
         }
-        if mesh.element.is_linear_simplex and isinstance(assembly, HasVolume):
+        if mesh.element.is_linear_simplex and isinstance(assembly, BoundElements):
             found |= {
                 f"ratios of volumes of {i}": assembly.volume_ratios(u),
                 f"smallest ratio of {i}": assembly.smallest_volume_ratio(u),
@@ -97,6 +94,7 @@ def assert_same(one, other, limit):
         assert difference <= limit * np.abs(value).max(), f"{name}: {difference / np.abs(value).max():.1e}"
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", BODIES)
 def test_compiled_and_readable_kernels_agree(name, parts, monkeypatch):
@@ -114,6 +112,7 @@ PAIRS = [(name, "isotropic") for name in (*CURVED, "partly curved tetrahedra", "
 ]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize(("name", "law"), PAIRS)
 def test_compiled_and_readable_kernels_agree_on_elements_with_several_points(name, law, parts, monkeypatch):
@@ -180,6 +179,7 @@ def test_kernels_of_penalties_agree_on_inverted_elements(kind, monkeypatch):
         assert_same(results(*body), found, 1e-13)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_one_pass_gives_the_results_of_three_calls(name):
     found = results(*BODIES[name])
@@ -191,7 +191,8 @@ SINGLE = {name: BODIES[name] for name in ("tetrahedra, two regions", "membrane, 
 SINGLE["quadratic tetrahedra"] = CURVED["quadratic tetrahedra"], [LAWS["isotropic"]]
 
 
-@pytest.mark.parametrize("name", slow_but(["tetrahedra, two regions", "cable, area"], SINGLE))
+@pytest.mark.few(2)
+@pytest.mark.parametrize("name", SINGLE)
 def test_kernels_in_single_precision_agree_with_the_readable_ones_in_double(name, monkeypatch):
     in_parts(monkeypatch, 2)
     compiled = results(*SINGLE[name], dtype=np.float32)

@@ -8,7 +8,7 @@ from bodies import BODIES, MESHES, state
 
 from skfem_stvk import ElasticFoundation, RigidContact, RigidPlane, StateError, StVK, System
 from skfem_stvk.edges import ALL, NONE, TENSILE
-from skfem_stvk.edges.pairs import with_blocks
+from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.system import FreeOperator, TangentOperator
@@ -18,6 +18,7 @@ SOLID = System(MESHES["tetrahedra"], TERM)
 N = SOLID.ndofs
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_operator_is_the_tangent(name):
     mesh, terms = BODIES[name]
@@ -200,6 +201,7 @@ def constrained_body(name="tetrahedra, two regions"):
     return body, body.free_dofs(np.flatnonzero(np.random.default_rng(0).random(body.ndofs) < 0.3))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_diagonal_blocks_are_those_of_K(name):
     mesh, terms = BODIES[name]

@@ -9,7 +9,6 @@ import pytest
 from bodies import CURVED, MESHES, random_frames, some_voigt, state, turned_round
 from kernels.parts import in_parts
 from scipy.sparse import identity, random
-from slow import slow_but
 from terms.toys import Anchors, Areas, Springs, Wind
 
 from skfem_stvk import (
@@ -29,10 +28,10 @@ from skfem_stvk import (
     System,
     VolumePenalty,
 )
-from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
-from skfem_stvk.edges.pairs import with_blocks
+from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions, bound_term
+from skfem_stvk.edges.bound_term import BoundElements, with_blocks
 from skfem_stvk.system import Pattern
-from skfem_stvk.terms import TERMS, Body, HasDampingForce, HasMeanForce, HasRoundOff, HasVolume, Quartic, is_load
+from skfem_stvk.terms import TERMS, Body, is_load
 from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 RNG = np.random.default_rng(12)
@@ -53,7 +52,7 @@ class Case(NamedTuple):
     toy
         Whether the term is one of the minimal terms in `toys.py`.
     can
-        The optional protocols that the term implements.
+        What the term declares that it can do, and "volumes" if it has elements.
     definite
         Whether its clamped tangent is positive semi-definite.
     renumbered
@@ -75,8 +74,8 @@ class Case(NamedTuple):
     slackens: bool = False
 
 
-#: Optional protocols of terms on edges, with or without elements around them.
-OF_EDGES = (Quartic, HasMeanForce, HasDampingForce)
+#: What terms on edges declare, with or without elements around them.
+OF_EDGES = ("quartic", "has_mean_force", "damped")
 OF_SPRINGS = OF_EDGES[1:]
 #: Limit and step for derivatives of energies that are not polynomials.
 SMOOTH = 1e-7, 1e-3
@@ -100,7 +99,7 @@ def neo_hookean():
         law = NeoHookean(young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(0, 0.45, mesh.nt), **more)
         again = partial(lambda law, more, other, order: reordered(law, order, **more), law, more)
         name = ", ".join(["NeoHookean", name, *map(" ".join, more.items())])
-        found[name] = Case(mesh, law, 1e-9, 1e-3, inverts=False, can=(HasMeanForce, HasVolume), renumbered=again)
+        found[name] = Case(mesh, law, 1e-9, 1e-3, inverts=False, can=("has_mean_force", "volumes"), renumbered=again)
     return found
 
 
@@ -112,7 +111,7 @@ def wrinkling():
         law = StVK(young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt), wrinkling=True, **more)
         again = partial(lambda law, more, other, order: reordered(law, order, wrinkling=True, **more), law, more)
         found[f"StVK, {name}, wrinkling"] = Case(
-            mesh, law, 1e-7, 1e-5, can=(HasMeanForce, HasVolume), renumbered=again, slackens=True
+            mesh, law, 1e-7, 1e-5, can=("has_mean_force", "volumes"), renumbered=again, slackens=True
         )
     return found
 
@@ -122,7 +121,7 @@ def cases():
     for name, mesh in MESHES.items():
         n = mesh.nt
         law = StVK(young=RNG.uniform(1, 9, n), poisson=RNG.uniform(-0.3, 0.45, n))
-        can = *OF_EDGES, HasVolume
+        can = *OF_EDGES, "volumes"
         again = partial(lambda law, other, order: reordered(law, order), law)
         found[f"StVK, {name}"] = Case(mesh, law, can=can, renumbered=again)
         found[f"StVK, {name}, anisotropic"] = Case(
@@ -132,7 +131,7 @@ def cases():
         found[f"linear, {name}"] = Case(mesh, linear, grounded=True, can=can)
         linear = LinearElastic(Anisotropic(some_voigt(np.random.default_rng(7))))
         found[f"linear, {name}, anisotropic"] = Case(mesh, linear, grounded=True, can=can)
-        found[f"foundation, {name}"] = Case(mesh, ElasticFoundation(lambda x: x[0] > -9, 3.0), grounded=True, can=(Quartic,))
+        found[f"foundation, {name}"] = Case(mesh, ElasticFoundation(lambda x: x[0] > -9, 3.0), grounded=True, can=("quartic",))
         network = EdgeNetwork.of(mesh, law)
         again = partial(lambda law, other, order: EdgeNetwork.of(other, reordered(law, order)), law)
         found[f"network, {name}"] = Case(mesh, network, can=OF_EDGES, renumbered=again)
@@ -159,7 +158,7 @@ def cases():
             for suffix, term in (("", VolumePenalty(k, kind)), (", region", VolumePenalty(k[half], kind, half))):
                 again = partial(lambda term, mesh, other, order: reordered_penalty(term, mesh, order), term, mesh)
                 found[f"{kind}, {name}{suffix}"] = Case(
-                    mesh, term, *rest, not energy.infinite_energy, can=(HasVolume,), renumbered=again
+                    mesh, term, *rest, not energy.infinite_energy, can=("volumes",), renumbered=again
                 )
     found |= of_stretches()
     pairs = np.unique(np.sort(RNG.integers(0, solid.nv, (2, 40)), axis=0), axis=1)
@@ -183,18 +182,18 @@ def of_stretches():
         for kind in (Corotated, InvertibleStVK):
             law = kind(young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt))
             again = partial(lambda law, other, order: reordered(law, order), law)
-            found[f"{kind.__name__}, {name}"] = Case(mesh, law, 1e-7, 1e-5, can=(HasVolume,), renumbered=again)
+            found[f"{kind.__name__}, {name}"] = Case(mesh, law, 1e-7, 1e-5, can=("volumes",), renumbered=again)
     for name in ("tetrahedra", "triangles"):
         mesh = MESHES[name]
         law = Corotated(young=rng.uniform(1, 9, mesh.nt), poisson=0.3, rotation="vertex")
-        found[f"Corotated by vertex, {name}"] = Case(mesh, law, 1e-7, 1e-5, grounded=True, can=(HasVolume,))
+        found[f"Corotated by vertex, {name}"] = Case(mesh, law, 1e-7, 1e-5, grounded=True, can=("volumes",))
         law = InvertibleStVK(young=rng.uniform(1, 9, mesh.nt), poisson=0.3, threshold=0.85, extend="stress")
-        found[f"InvertibleStVK without energy, {name}"] = Case(mesh, law, 1e-7, 1e-5, grounded=True, can=(HasVolume,))
+        found[f"InvertibleStVK without energy, {name}"] = Case(mesh, law, 1e-7, 1e-5, grounded=True, can=("volumes",))
     mesh = MESHES["tetrahedra"]
     R = random_frames(mesh.nt, rng)
     R *= np.sign(np.linalg.det(R))[:, None, None]
     found["Corotated in given frames"] = Case(
-        mesh, Corotated(young=3.0, poisson=0.3, rotation=lambda t: R), grounded=True, can=(HasVolume,)
+        mesh, Corotated(young=3.0, poisson=0.3, rotation=lambda t: R), grounded=True, can=("volumes",)
     )
     return found
 
@@ -223,7 +222,7 @@ def test_every_elastic_term_has_a_case():
 
 
 def bound(case, dtype=np.float64, mesh=None):
-    return case.term.bind(Body(case.mesh if mesh is None else mesh, []), dtype)
+    return bound_term.bound(case.term.bind(Body(case.mesh if mesh is None else mesh, []), dtype))
 
 
 def with_its_blocks(case, term, dtype=np.float64):
@@ -269,6 +268,7 @@ def clearly_not_zero(*arrays):
     return all(np.abs(array).max() > 1e-3 for array in arrays)
 
 
+@pytest.mark.few(24)
 @pytest.mark.parametrize("name", CASES)
 def test_force_and_tangent_are_derivatives(name):
     case = CASES[name]
@@ -307,6 +307,7 @@ def test_a_system_names_the_term_that_has_no_energy(name):
                 one(u)
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize("name", CASES)
 def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
     case = CASES[name]
@@ -330,6 +331,7 @@ def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
             assert norms == pytest.approx(others @ x, rel=1e-12, abs=1e-13 * np.abs(K).max() * x.sum())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", DEFINITE)
 def test_the_clamped_tangent_is_positive_semi_definite(name):
     case = CASES[name]
@@ -346,6 +348,7 @@ def test_the_clamped_tangent_is_positive_semi_definite(name):
         assert indefinite or not (gives_way and pushed == "compressed")
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", FREE)
 def test_rigid_motions_change_nothing_and_forces_balance(name):
     case = CASES[name]
@@ -372,6 +375,7 @@ def test_rigid_motions_change_nothing_and_forces_balance(name):
         assert np.abs(K @ np.tile(np.eye(mesh.d), (mesh.nv, 1))).max() < 1e-12 * np.abs(K).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
 def test_fill_adds_to_earlier_values_on_a_larger_pattern(name):
     case = CASES[name]
@@ -386,6 +390,7 @@ def test_fill_adds_to_earlier_values_on_a_larger_pattern(name):
         assert force - 1 == pytest.approx(F, abs=1e-13 * max(1, np.abs(F).max()))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [2, 5])
 @pytest.mark.parametrize("name", CASES)
 def test_shared_by_threads_the_results_are_the_same(name, parts, monkeypatch):
@@ -401,6 +406,7 @@ def test_shared_by_threads_the_results_are_the_same(name, parts, monkeypatch):
         assert np.array_equal(found[0], again[0]) and np.array_equal(found[1], again[1])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.renumbered])
 def test_numbering_and_orientation_do_not_matter(name):
     case = CASES[name]
@@ -420,10 +426,10 @@ def test_numbering_and_orientation_do_not_matter(name):
 
 
 #: Cases in single precision besides the toys. Every further term would have kernels compiled for this test only.
-SINGLE = [name for name in CASES if "tetrahedra" in name and not name.startswith(("Corotated", "Invertible", "linear"))]
 
 
-@pytest.mark.parametrize("name", slow_but([name for name in CASES if CASES[name].toy or name in SINGLE], CASES))
+@pytest.mark.few
+@pytest.mark.parametrize("name", CASES)
 def test_single_precision_has_errors_of_single_precision(name):
     case = CASES[name]
     single, double = bound(case, np.float32), bound(case)
@@ -440,6 +446,7 @@ def test_single_precision_has_errors_of_single_precision(name):
         assert np.abs(pattern.matrix(data.astype(float)).toarray() - K).max() < 8e-6 * np.abs(K).max()
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", CASES)
 def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(name):
     """The bound on round-off is above the error in single precision, including the rounding of the state, and not far above.
@@ -450,10 +457,7 @@ def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(nam
     single, double = bound(case, np.float32), bound(case)
     for _, u in states(case):
         sizes = np.zeros(u.shape)
-        if isinstance(double, HasRoundOff):
-            double.add_round_off(u, sizes)
-        else:
-            with_its_blocks(case, double).add_magnitudes(u, sizes)
+        double.add_round_off(u, sizes)
         assert (sizes >= (1 - 1e-12) * np.abs(force_of(double, u))).all()
         stored = u.astype(np.float32).astype(np.float64)
         error = np.linalg.norm(force_of(single, stored, np.float32) - force_of(double, u))
@@ -474,6 +478,7 @@ def laws_of_several_points():
 CLOSE = {name: CASES[name] for name in OURS} | dict(laws_of_several_points())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CLOSE)
 def test_the_round_off_of_the_force_holds_at_rest_and_far_from_the_origin(name):
     """The coordinates are dyadic, so that a shift of the mesh by 4096 is exact and changes no force by more than round-off.
@@ -489,10 +494,7 @@ def test_the_round_off_of_the_force_holds_at_rest_and_far_from_the_origin(name):
     for amount in (0, 1e-20, 1e-8, 0.3):
         u = amount * noise
         sizes, force = np.zeros(u.shape), force_of(near, u)
-        if isinstance(near, HasRoundOff):
-            near.add_round_off(u, sizes)
-        else:
-            with_its_blocks(case, near).add_magnitudes(u, sizes)
+        near.add_round_off(u, sizes)
         errors = [force_of(far, u) - force]
         if amount <= 1e-20 and not jumps:
             stress_free = not callable(getattr(case.term, "rotation", None))
@@ -501,17 +503,20 @@ def test_the_round_off_of_the_force_holds_at_rest_and_far_from_the_origin(name):
             assert np.linalg.norm(error) <= np.finfo(float).eps * np.linalg.norm(sizes)
 
 
+@pytest.mark.few(24)
 @pytest.mark.parametrize("name", OURS)
-def test_the_optional_protocols_are_those_of_the_case(name):
-    """The term implements exactly the optional protocols of its case: volumes, the quartic, the mean force, damping."""
+def test_the_term_can_do_what_its_case_says(name):
+    """The term declares exactly the abilities of its case: volumes, the quartic, the mean force, damping."""
     case = CASES[name]
     term = bound(case)
-    assert {ability for ability in (*OF_EDGES, HasVolume) if isinstance(term, ability)} == set(case.can)
-    assert System(case.mesh, [StVK(young=1.0, poisson=0.3), case.term]).quartic == (Quartic in case.can)
+    volumes = ["volumes"] if isinstance(term, BoundElements) else []
+    assert {*volumes, *(ability for ability in OF_EDGES if getattr(term, ability))} == set(case.can)
+    assert System(case.mesh, [StVK(young=1.0, poisson=0.3), case.term]).quartic == ("quartic" in case.can)
     assert sum(term.memory().values()) > 0
 
 
-@pytest.mark.parametrize("name", [name for name, case in CASES.items() if HasMeanForce in case.can])
+@pytest.mark.few(12)
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if "has_mean_force" in case.can])
 def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
     """The work of the mean force is the energy difference plus `(w1 - w0) R`, where R is the dissipation of unequal weights.
 
@@ -531,7 +536,8 @@ def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
         assert np.abs(force - 2 * moved).max() < 1e-13 * np.abs(moved).max()
 
 
-@pytest.mark.parametrize("name", [name for name, case in CASES.items() if Quartic in case.can])
+@pytest.mark.few(8)
+@pytest.mark.parametrize("name", [name for name, case in CASES.items() if "quartic" in case.can])
 def test_the_quartic_is_the_energy_along_a_line(name):
     case = CASES[name]
     term, v = bound(case), state(case.mesh, seed=9).reshape(-1, case.mesh.d)

@@ -11,7 +11,7 @@ from forces import force, moment, stiffness
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
-from skfem_stvk.edges.pairs import with_blocks
+from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.mesh.points import sizes_at_points, sizes_of
 from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.system.pattern import Pattern
@@ -161,6 +161,7 @@ def test_pressure_on_a_closed_surface_is_minus_the_gradient_of_the_volume(name):
     assert np.abs(moment(x, f)).max() < 2e-13 * np.abs(f).sum() * np.abs(x).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in CURVED if CURVED[name].k > 1 and (CURVED[name].d == 3 or CURVED[name].k == 2)])
 @pytest.mark.parametrize("given", [2.5, lambda x, t: t * (1 + x[0] - 2 * x[1])], ids=["constant", "of x"])
 def test_load_stiffness_is_minus_the_derivative_of_the_force(name, given):

@@ -41,9 +41,9 @@ from skfem_stvk import (
 )
 from skfem_stvk.edges import NONE as GAUSS_NEWTON
 from skfem_stvk.mesh import ElementMesh, box
-from skfem_stvk.results.store import read_archive, write_archive
 from skfem_stvk.solvers.dynamics import steps
-from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, MotionHeader
+from skfem_stvk.solvers.runs.archive import read_archive, write_archive
+from skfem_stvk.solvers.runs.state_files import MOTION
 from skfem_stvk.terms.loads.load import Moment
 
 LAW = StVK(young=1e3, poisson=0.3, density=1.0)
@@ -99,6 +99,7 @@ def slope(f, h=1e-6):
     return (f(h) - f(-h)) / (2 * h)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("onset", [0.0, 0.05])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("mesh", MESHES)
@@ -115,6 +116,7 @@ def test_force_and_stiffness_are_derivatives(mesh, shape, onset):
     )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("onset", [0.0, 0.05])
 @pytest.mark.parametrize("size", [0.2, 1e-3, 1e-9])
 @pytest.mark.parametrize("shape", SHAPES)
@@ -395,14 +397,13 @@ def thrown(stiffness=1e9, cells=2, speed=100.0, rests=True):
     [
         (lambda one: one[:-1], "the history of RigidContact 'floor' is .*; expected"),
         (lambda one: np.where(np.arange(len(one)) == 9, np.nan, one), "the history of RigidContact 'floor'"),
-        (None, "it has the histories of 0 terms; expected 1"),
+        (None, "history.0: it has no array 'history 0'"),
     ],
 )
 def test_a_checkpoint_with_a_damaged_history_is_refused(change, words, tmp_path):
     contact = floor(friction=Friction(0.3, slip_speed=0.05))
     dropped(contact, BackwardEuler(1e-3), 0.005, checkpoint=tmp_path)
-    header, arrays = read_archive(tmp_path / "motion.npz", MotionHeader, MotionCheckpoint.known, "")
-    header = header.model_dump(mode="json")
+    header, arrays = read_archive(tmp_path / "motion.npz", MOTION, "")
     history = arrays.pop("history 0")
     write_archive(tmp_path / "motion.npz", header, arrays if change is None else arrays | {"history 0": change(history)})
     with pytest.raises(StvkError, match=f"is damaged: {words}"):

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from skfem_stvk import Friction, MeshContact, RigidBox, RigidContact, RigidCylinder, RigidPlane, RigidSphere, System
 from skfem_stvk.arguments import Array
-from skfem_stvk.edges.pairs import with_blocks
+from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.terms.loads.load import Moment

@@ -10,7 +10,7 @@ from ...results.monitors import Finding
 from ...results.penetration import DEEP, penetration, short_contacts
 from ...system import System
 from ...terms.protocols import CanPenetrate
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 
 
 def start_within(system: System, ledger: Ledger) -> str:

@@ -15,9 +15,9 @@ from ...mesh.displacements import by_vertex
 from ...space import Space
 from ...system import System
 from ...system.coordinates import CoordinateMass, Coordinates
-from ...terms import BoundLoad, TakesTime
+from ...terms import BoundLoad
 from ...terms.loads.load import Moment
-from ...terms.protocols import Assumed, Grounded, set_time
+from ...terms.protocols import Assumed, set_time
 from .at_rest import AtRest
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping
@@ -187,7 +187,7 @@ class Motion:
     @cached_property
     def constant_loads(self) -> Array | None:
         """Loads [N] if they depend neither on time nor on displacements, otherwise None."""
-        changing = any(isinstance(term, TakesTime) for term in self.system.bound_terms)
+        changing = any(term.takes_time for term in self.system.bound_terms)
         if changing or not all(load.steady and load.dead for load in self.system.bound_loads):
             return None
         loads = self.body.external_force(np.zeros(self.states.n), self.moment(0.0))
@@ -234,7 +234,7 @@ class Motion:
         """Number of the `forces` of a state: one for each contact, and one for foundations if there are any."""
         if self.body is not self.system:
             return 0
-        return len(self.system.contacts) + any(isinstance(term, Grounded) for term in self.system.bound_terms)
+        return len(self.system.contacts) + bool(self.system.foundations)
 
     def store_forces(self, state: MotionState) -> None:
         """Store the forces of contacts and foundations on the body at the state in `state.forces`."""

@@ -13,23 +13,25 @@ from ...arguments import Array, flag, number
 from ...errors import LoadError, StvkError, SupportError, name_ids
 from ...mesh.displacements import by_vertex
 from ...mesh.locations import Where
-from ...results.complete_files import OutputFiles
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike, checked_system
 from ...terms.loads.load import Moment
 from ...terms.protocols import set_time
+from ..runs.ledger import Ledger
+from ..runs.outputs import OutputFiles
 from .damping import Damping
 from .integrators import Integrator
-from .ledger import Ledger
 from .ledger_rows import LedgerLocations, column_names
 from .loop import Loop
 from .motion import Motion
+from .motion_checkpoint import MotionCheckpoint
 from .motion_outputs import Outputs
 from .options import Options, Setup, checked_integrator, refuse_unsupported, too_early
 from .record import MotionState, RunRecord
 from .removal import Rule, checked_rule
+from .resumed import resumed
 from .run import Run
 
 
@@ -169,9 +171,7 @@ def simulate(
         refuse_divided(body.space.comm, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
     with ExitStack() as stack:
         if output_files.checkpoint is not None:
-            from .motion_checkpoint import MotionCheckpoint  # imports pydantic, only if needed
-
-            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, body.space))
+            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, body.space))
         options = Options(
             until=until,
             integrator=integrator,
@@ -186,12 +186,10 @@ def simulate(
             output_files=output_files,
             checkpoint=checkpoint_file,
         )
-        if checkpoint_file is None or checkpoint_file.source is None:
-            start = _new_run(body, options, stack)
+        if checkpoint_file is not None and output_files.resume and checkpoint_file.exists:
+            start = resumed(body, options, stack, checkpoint_file.file)
         else:
-            from .resumed import resumed
-
-            start = resumed(body, options, stack, checkpoint_file.source)
+            start = _new_run(body, options, stack)
         return Loop(*start, quiet).run(raise_on_failure)
 
 

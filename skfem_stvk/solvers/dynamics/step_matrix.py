@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple
 
@@ -19,7 +20,6 @@ from ...linear.dense import DenseFactors
 from ...system import FreeOperator, System, TangentOperator
 from ...system.coordinates import Coordinates, DenseTangent
 from ...system.free_tangent import FreeTangent, kind_of
-from ...terms import HasMeanForce
 from ...terms.loads.load import Moment, Time
 from ...terms.protocols import Assumed
 from ..newton.problem import Tangent
@@ -106,7 +106,7 @@ class StepMatrix:
         self._chosen, self._mean = chosen, mean
         self._u0, self._at = np.zeros(motion.states.n), np.zeros(motion.states.n)
         self._rest: tuple[int, csr_matrix] | None = None  # version of the pattern, and K(0)
-        between = mean and any(isinstance(term, HasMeanForce) for term in motion.system.bound_terms)
+        between = mean and any(term.has_mean_force for term in motion.system.bound_terms)
         self._tensions = StartTensions(motion.system) if between and chosen is not StepTangent.REST else None
         self.with_tensions = True
         self._constant_factors: tuple[Any, Factors] | None = None
@@ -169,7 +169,7 @@ class StepMatrix:
             factors = self.tangent.factorise(K, exact)
             if multigrid.hierarchy is not before:
                 at = self._u0.copy(), w.copy(), Moment.of(t).time
-                self._origin = HierarchyOrigin(*at, self._c, self._g, tangent.value, self.with_tensions)
+                self._origin = HierarchyOrigin(*at, self._c, self._g, tangent, self.with_tensions)
             return factors
 
     @property
@@ -178,7 +178,7 @@ class StepMatrix:
         multigrid = self.tangent.multigrid
         if multigrid is None or multigrid.hierarchy is None or self._origin is None:
             return None
-        return self._origin._replace(pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
+        return replace(self._origin, pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
 
     def forget(self) -> None:
         """Remove the hierarchy of multigrid, so that the next matrix gets a new one.
@@ -201,7 +201,7 @@ class StepMatrix:
             return
         self.begin(origin.u0, origin.c, origin.g)
         self.with_tensions = origin.with_tensions
-        self._factorise(origin.w, self._motion.moment(origin.t), Tangent(origin.tangent))
+        self._factorise(origin.w, self._motion.moment(origin.t), origin.tangent)
         self.tangent.multigrid.pace = Pace(origin.pace, origin.slow)
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import StvkError, warn
@@ -12,6 +13,7 @@ from ...mesh.displacements import by_vertex
 from ...system import System
 from ..newton.newton import End
 from .integrators import Integrator, StepFailed
+from .ledger_rows import LedgerWriter
 from .motion import Motion
 from .record import ROUNDED, Clock, MotionState, RunRecord
 from .stable_step import StableStep
@@ -54,6 +56,21 @@ class Steps:
         """Prepare for a step from the state of the record."""
         self._motion.body.return_to(self._record.history)
         self.stepper.start(self._record.state)
+
+    def remove(self, elements: NDArray[np.int64], writer: LedgerWriter | None) -> None:
+        """Remove elements from the body at the state of the record, and enter this state in the ledger again, if there is one."""
+        motion, record, state = self._motion, self._record, self._record.state
+        if writer is None:
+            motion.remove_elements(elements)
+        else:
+            writer.record_removal(state, lambda: motion.remove_elements(elements))
+        record.add_removed(elements, state.t)
+        record.history = motion.body.history()
+        state.v.reshape(-1, motion.system.mesh.d)[motion.system.bare] = 0
+        state.a[:] = 0
+        self.start()
+        if writer is not None:
+            writer.append_row(state, self.stepper.strain_energy(state))
 
     def refuse_far(self, until: float) -> None:
         """Raise StvkError if rounded times do not resolve the steps before the end `until` [s]."""

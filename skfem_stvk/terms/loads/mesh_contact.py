@@ -12,6 +12,7 @@ from scipy.sparse import csr_matrix
 
 from ...arguments import Array, Quantity, Specification, number, own, shown, text
 from ...edges import ALL, NodeBlocks, Tensions
+from ...edges.bound_term import BoundTerm
 from ...errors import ContactError, StvkError, name_ids
 from ...mesh import ElementMesh
 from ...mesh.diagnostics import parts
@@ -184,7 +185,7 @@ class ContactBlocks(NamedTuple):
     own: Array | None
 
 
-class BoundMeshContact:
+class BoundMeshContact(BoundTerm):
     """Contact between surfaces of a body, or with a rigid one, whose vertices follow those of the body in positions (m, d).
 
     It joins no nodes, and couples those of the collisions at the present state.
@@ -204,7 +205,7 @@ class BoundMeshContact:
         Number of changes of the pairs.
     """
 
-    symmetric = has_energy = is_barrier = True
+    has_mean_force = removable = has_history = pairs_change = is_barrier = True
     friction_factor = 1.0
     nodes_joined = np.empty((2, 0), dtype=np.int32)
     shape = None
@@ -556,7 +557,7 @@ class BoundMeshContact:
 class MeshContactWithFriction(BoundMeshContact):
     """Contact between surfaces that rub, with the normal forces and the tangents of the beginning of each step."""
 
-    has_friction = True
+    has_friction = takes_time = True
 
     def __init__(self, contact: MeshContact, body: Body) -> None:
         super().__init__(contact, body)

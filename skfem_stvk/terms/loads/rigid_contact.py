@@ -11,6 +11,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from ...arguments import Array, Quantity, Specification, number, own, shown, text
 from ...edges import ALL, NodeBlocks, Tensions
+from ...edges.bound_term import BoundTerm
 from ...errors import ContactError, StvkError
 from ...kernels import contact_penalty as kernels
 from ...kernels.contact_penalty import Surface
@@ -149,7 +150,7 @@ class Displacement(Protocol):
         """Return the components (d, 1) at `t` [m]."""
 
 
-class BoundRigidContact:
+class BoundRigidContact(BoundTerm):
     """Contact on a mesh. It couples the nodes of each facet, if its points are not the vertices, and joins none of them.
 
     Attributes
@@ -164,7 +165,7 @@ class BoundRigidContact:
         Mean length of the edges of all facets at rest, and that of the smallest facet [m].
     """
 
-    symmetric = has_energy = True
+    has_mean_force = removable = True
     balanced = is_barrier = False
     friction_factor = 1.0
     nodes_joined = np.empty((2, 0), dtype=np.int32)
@@ -363,6 +364,8 @@ class RigidContactWithHistory(BoundRigidContact):
     The history is the displacement (3,) of the shape at the beginning of the step, and its time. With friction, the displacement,
     the largest friction [N] and the normal of each point follow, (n, nq, 7).
     """
+
+    takes_time = has_history = True
 
     def __init__(self, contact: RigidContact, body: Body) -> None:
         super().__init__(contact, body)
