@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -66,13 +67,13 @@ class Reaction:
         mesh = ElementMesh.of(mesh)
         ids = np.sort(vertices_at(mesh, vertices, "Reaction at vertices"))
         here = cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids], units)
-        return here._of_all_parts(mesh) if mesh.space.divided else here
+        return here._of_all_parts(mesh) if mesh.space.comm.divided else here
 
     def _of_all_parts(self, mesh: ElementMesh) -> Reaction:
         """Return the forces on the nodes of all parts of a divided body, with ids of the whole mesh."""
         own = mesh.space.counted(np.ones(mesh.nv))[self.vertices] > 0
         values = np.stack([self.by_node, self.rest, self.u], axis=1)[own]
-        ids, values = mesh.space.gather(mesh.node_numbers[self.vertices[own]], values)
+        ids, values = mesh.space.comm.gather(mesh.node_numbers[self.vertices[own]], values)
         forces, rest, u = values.transpose(1, 0, 2)
         return Reaction(ids, forces, rest, u, self.units)
 
@@ -151,11 +152,11 @@ def constrained_vertices(system: System, where: Where | None, what: str = "react
     constrained = np.union1d(system.supports.held, system.grounded)
     vertices, space = np.unique(constrained // system.mesh.d).astype(np.int64), system.space
     if where is None:
-        if not space.any(len(vertices) > 0):
+        if not space.comm.any(len(vertices) > 0):
             raise SupportError(f"{what}: the body has no supports and no foundations, so it has no reactions.")
         return vertices
     vertices = np.intersect1d(vertices, vertices_at(system.mesh, where, what))
-    if not space.any(len(vertices) > 0):
+    if not space.comm.any(len(vertices) > 0):
         raise SupportError(
             f"{what}: no support and no foundation acts at {describe(where)}, so there is no reaction. Check the location."
         )
@@ -182,11 +183,11 @@ class ReactionPlace(NamedTuple):
         `support` is not None, it has the words of the support whose vertices are `where`, or is empty for another location.
         """
         vertices, d, own = constrained_vertices(system, where, what), system.mesh.d, np.zeros(system.ndofs)
-        words, (by_words, counts) = describe(where) if support is None else support, system.reaction_shares
+        words, (by_words, counts) = describe(where) if support is None else support, _dofs_of_supports(system)
         alike = support is not None or isinstance(where, str | tuple | LocationShape)
         for place, dofs in by_words.get(words, ()):
             own[dofs] += (alike or place is where) and np.isin(dofs // d, vertices).all()
-        if where is None or not system.space.any(bool(own.any())):
+        if where is None or not system.space.comm.any(bool(own.any())):
             return cls(vertices, np.ones((len(vertices), d)), "")
         return cls(vertices, (own / np.maximum(counts, 1)).reshape(-1, d)[vertices], words)
 
@@ -200,6 +201,28 @@ class ReactionPlace(NamedTuple):
         forces = np.zeros((system.mesh.nv, system.mesh.d))
         forces[self.vertices] = self.forces(of_all)
         return Reaction.of(system.mesh, u, forces, system.mesh.node_numbers[self.vertices], system.units)
+
+
+def _dofs_of_supports(system: System) -> tuple[dict[str, list[tuple[Where | None, NDArray[np.int64]]]], Array]:
+    """Return the degrees of freedom whose reactions belong to a support, and how many supports (ndofs,) each belongs to.
+
+    They are listed with the location of the support, by its words. The force of a foundation belongs to the supports at a node,
+    and to the foundation where there are none.
+    """
+    d, counts = system.mesh.d, np.zeros(system.ndofs)
+    found: dict[str, list[tuple[Where | None, NDArray[np.int64]]]] = defaultdict(list)
+
+    def add(where: Where | None, dofs: NDArray[np.int64]) -> None:
+        found[describe(where)].append((where, dofs))
+        counts[dofs] += 1
+
+    tied = np.setdiff1d(system.grounded, system.supports.held)
+    for where, dofs in system.supports.entries:
+        add(where, np.concatenate([dofs, tied[np.isin(tied // d, dofs // d)]]))
+    alone = tied[counts[tied] == 0]
+    for term in system.foundations:
+        add(term.where, np.intersect1d(alone, system.space.union(term.grounded, system.ndofs)))
+    return found, counts
 
 
 def _centred(x: Array) -> Array:

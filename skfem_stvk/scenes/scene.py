@@ -15,9 +15,8 @@ from pydantic import ValidationError
 from ..arguments import path as checked_path
 from ..errors import StvkError
 from ..kernels.threads import threads
-from ..results.complete_files import replacing
-from ..results.one_writer import OneWriter
-from ..results.state_files import parts_of_state
+from ..results.complete_files import OneWriter, replacing
+from ..solvers.runs.state_files import parts_of_state
 from ..system import System
 from ..terminal import html_table
 from .build import Built, build, check, partition_of
@@ -26,7 +25,6 @@ from .folder import RESOLVED, Folder, PreviousRun, hash_of
 from .run_scene import RTOL, solve
 from .scene_outcome import SceneOutcome
 from .scene_report import write_report
-from .scene_units import implausible
 from .schema import SceneTables, scene_tables
 from .schema.analyses import options
 from .schema.quantities import input_files
@@ -157,8 +155,8 @@ class Scene:
         return _tables(self.sections)
 
     def implausible(self) -> list[str]:
-        """Return, in a sentence each, the values that are implausible in the scene's units, including the size of its mesh."""
-        return implausible(self.sections, self.built.mesh)
+        """Return, in a sentence each, the Young's moduli that are implausible in the scene's units."""
+        return self.sections.implausible(float(self.built.mesh.extent.max()))
 
     def solve(
         self, out: str | os.PathLike[str] | None = None, *, resume: bool = False, force: bool = False, quiet: bool = False

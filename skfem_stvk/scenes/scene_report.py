@@ -24,7 +24,7 @@ from ..results.series import read_list
 from ..results.table import NODAL, labels_of_files
 from ..results.vtu import DEFAULT, read_vtu
 from ..solvers.dynamics import Modes, Run
-from ..solvers.dynamics.ledger import AXES, draw, energy_panels, thinned
+from ..solvers.runs.ledger import AXES, draw, energy_panels, thinned
 from ..solvers.statics import StaticResult
 from ..terms.loads.rigid_shapes import RigidShape
 from ..units import UNITS
@@ -360,7 +360,7 @@ def _built_facts(outcome: SceneOutcome) -> Iterator[tuple[str, str]]:
     yield "mesh", f"{mesh.element_count} {mesh.kind}, {system.space.count // mesh.d} nodes"
     if outcome.ranks:
         yield "ranks", outcome.ranks
-    if not system.space.divided:
+    if not system.space.comm.divided:
         yield "unknowns", f"{system.ndofs - held} free, {held} constrained"
     for number, term in enumerate(sections.terms):
         material = getattr(term, "material", None)

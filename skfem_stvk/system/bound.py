@@ -16,7 +16,6 @@ from ..edges.elements import Quadrature
 from ..errors import ContactError, RegionError, StvkError, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
-from ..space import Space
 from ..terms import (
     Body,
     BoundLoad,
@@ -54,15 +53,16 @@ class BoundTerms:
         quadrature: Quadrature | None = None,
         connectivity: Connected | None = None,
     ) -> None:
+        self.mesh, self.space, self.ndofs = mesh, mesh.space, mesh.p.size
         specifications = [specified(term) for term in terms]
-        self.mesh, self.dtype, self.terms = mesh, np.dtype(dtype), tuple(map(given, specifications))
+        self.dtype, self.terms = np.dtype(dtype), tuple(map(given, specifications))
         beside = () if connectivity is None else connectivity.beside
         of = (0,) * len(specifications) if connectivity is None else connectivity.of
         self.loads: tuple[Load, ...] = tuple(filter(is_load, specifications))
         self.elastic_terms: tuple[Any, ...] = tuple(term for term in specifications if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
-        if mesh.space.divided:
+        if mesh.space.comm.divided:
             _refuse_not_additive(specifications)
         self._of = tuple(number for number, term in zip(of, specifications, strict=True) if not is_load(term))
         others = [Body(one, self._terms_on(number)) for number, one in enumerate(beside, start=1)]
@@ -71,19 +71,19 @@ class BoundTerms:
         self.bound_terms: tuple[BoundTerm, ...] = tuple(
             bound(term.bind(bodies[number], self.dtype)) for number, term in zip(self._of, self.elastic_terms, strict=True)
         )
+        self.bound_loads: tuple[BoundLoad, ...] = tuple(bound_load(load.bind(self.body)) for load in self.loads)
+        self._sort()
         names = [contact.name for contact in self.contacts]
         if len(set(names)) < len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             listed = ", ".join(f"name = {name!r}" for name in twice)
             raise ContactError(f"{listed}: several contacts; expected a name of its own for each, such as name='floor'.")
-        self.bound_loads: tuple[BoundLoad, ...] = tuple(bound_load(load.bind(self.body)) for load in self.loads)
-        self._sort()
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
         self._used = np.zeros(mesh.nv, dtype=bool)
         for term in self.bound_terms:
             self._used[term.nodes_paired.ravel()] = True
         bare = self.space.share(self._used.astype(float)) == 0
-        if self.space.any(bool(bare.any())):
+        if self.space.comm.any(bool(bare.any())):
             warn(f"{mesh.name_nodes(bare)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     def _sort(self) -> None:
@@ -93,8 +93,21 @@ class BoundTerms:
         self.foundations = [term for term in self.bound_terms if term.grounded is not None]
         self._with_history = [one for one in every if one.has_history]
         self._with_changing_pairs = [one for one in every if one.pairs_change]
-        elastic = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
-        self.on_elements = [(number, of, term) for number, of, term in elastic if isinstance(term, BoundElements)]
+        every_elastic = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
+        self.on_elements = [(number, of, term) for number, of, term in every_elastic if isinstance(term, BoundElements)]
+        self.__dict__.pop("_with_volume", None)
+        self._on_elements_of_mesh = [(of, term) for number, of, term in self.on_elements if number == 0]
+        self.contacts: list[HasContact] = [term for term in self.bound_terms if isinstance(term, HasContact)]
+        self.working_contacts: list[DoesWork] = [term for term in self.bound_terms if isinstance(term, DoesWork)]
+        self.elastic_names = [name for name, term in self._named if not is_load(term)]
+        self.without_energy = [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
+        elastic = not self.without_energy and all(term.symmetric for term in self.bound_terms)
+        self.conservative = elastic and all(load.has_potential for load in self.bound_loads)
+        self.dead = elastic and all(load.dead for load in self.bound_loads)
+        self.constant_tangent = self.dead and all(term.constant_tangent for term in self.bound_terms)
+        self.quartic = all(term.quartic for term in self.bound_terms)
+        self.resists_inversion = any(term.resists_inversion for term in self.elastic_terms)
+        self.removed, self.bare = np.flatnonzero(self.body.removed), np.flatnonzero(self.body.bare)
 
     @cached_property
     def _with_volume(self) -> list[tuple[NDArray[np.int64], BoundElements]]:
@@ -108,11 +121,6 @@ class BoundTerms:
             known[elements] = True
         return retained
 
-    @property
-    def space(self) -> Space:
-        """Space of the displacements of all nodes, which combines the results of the parts of a divided mesh."""
-        return self.mesh.space
-
     def _terms_on(self, number: int) -> list[Any]:
         """Return the elastic terms on the mesh, for number 0, or on one of the meshes of lower dimensions."""
         return [term for one, term in zip(self._of, self.elastic_terms, strict=True) if one == number]
@@ -122,36 +130,6 @@ class BoundTerms:
         """Elastic terms on the elements of the mesh: pairs of specification and bound term."""
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         return [(specification, term) for number, specification, term in every if number == 0]
-
-    @property
-    def _on_elements_of_mesh(self) -> list[tuple[Any, BoundElements]]:
-        return [(specification, term) for number, specification, term in self.on_elements if number == 0]
-
-    @property
-    def removed(self) -> NDArray[np.int64]:
-        """Ids of the removed elements, ascending: see `System.without`."""
-        return np.flatnonzero(self.body.removed)
-
-    @property
-    def bare(self) -> NDArray[np.int64]:
-        """Nodes that have lost all their elements by removal, ascending."""
-        return np.flatnonzero(self.body.bare)
-
-    def elements_to_remove(self, elements: Any) -> NDArray[np.int64]:
-        """Return the ids of the named elements that are not removed yet, ascending; errors as in `System.without`."""
-        ids_or_mask = whole_array(elements)
-        none = ids_or_mask is not None and (
-            ids_or_mask.shape == (0,) or (ids_or_mask.dtype == bool and ids_or_mask.shape == (self.mesh.nt,))
-        )
-        none = none and not np.any(ids_or_mask)
-        ids = np.empty(0, dtype=np.int64) if none else self.mesh.elements(elements)
-        removed = self.body.removed.copy()
-        removed[ids] = True
-        if removed.all():
-            raise RegionError(
-                f"All {self.mesh.nt} elements would be removed; expected at least one to remain. Is the limit or the mask inverted?"
-            )
-        return np.flatnonzero(removed & ~self.body.removed)
 
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
@@ -194,42 +172,6 @@ class BoundTerms:
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
         self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
         self._sort()
-        for name in ("_with_volume", "contacts", "working_contacts"):
-            self.__dict__.pop(name, None)
-
-    @property
-    def elastic_names(self) -> list[str]:
-        """Names of `elastic_terms` in `energies` and in messages: type and number among all terms."""
-        return [name for name, term in self._named if not is_load(term)]
-
-    @cached_property
-    def without_energy(self) -> list[str]:
-        """Names of the elastic terms without an energy, that is, whose force is not a gradient."""
-        return [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
-
-    @property
-    def resists_inversion(self) -> bool:
-        """Whether a term resists the inversion of elements, as `VolumePenalty` does."""
-        return any(term.resists_inversion for term in self.elastic_terms)
-
-    @property
-    def conservative(self) -> bool:
-        """Whether all terms have an energy and all loads a potential; if not, the Jacobian is not symmetric."""
-        return self._elastic and all(load.has_potential for load in self.bound_loads)
-
-    @property
-    def dead(self) -> bool:
-        """Whether all loads are dead, that is, keep size and direction. Then the Jacobian is the tangent of an energy."""
-        return self._elastic and all(load.dead for load in self.bound_loads)
-
-    @property
-    def constant_tangent(self) -> bool:
-        """Whether the Jacobian is the same at all displacements and times: linear terms under dead loads."""
-        return self.dead and all(term.constant_tangent for term in self.bound_terms)
-
-    @property
-    def _elastic(self) -> bool:
-        return not self.without_energy and all(term.symmetric for term in self.bound_terms)
 
     def commit(self, u: ArrayLike, t: Time) -> None:
         """Begin a step at displacements `u` (ndofs,), at the load factor or moment `t`; terms with history store them."""
@@ -256,7 +198,7 @@ class BoundTerms:
         StateError as in `energy`.
         """
         x = self._state(u)
-        return self.space.least(min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf))
+        return self.space.comm.least(min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf))
 
     def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
         """Return the smallest `s > 0` at which an element with `J > 0` at `u` becomes flat at `u + s v`; infinity if none does.
@@ -275,17 +217,7 @@ class BoundTerms:
         2.0
         """
         x, y = self._state(u), self._state(v, "v")
-        return self.space.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
-
-    def contact_limit(self, u: ArrayLike, v: ArrayLike) -> tuple[float, str]:
-        """Return the largest `s` up to which no contact is passed on the way `u + s v`, and the contact's name; infinity and ""."""
-        limits = [(term.contact_limit(self._state(u), self._state(v, "v")), term.name) for term in self.contacts]
-        return min(limits, default=(np.inf, ""))
-
-    def refuse_start(self, u: ArrayLike) -> None:
-        """Raise ContactError if surfaces that repel each other intersect at the start `u` (ndofs,), or lie inside each other."""
-        for term in self.contacts:
-            term.refuse_start(self._state(u))
+        return self.space.comm.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
 
     @contextmanager
     def assuming(self, what: Assumption, friction: float = 1.0) -> Iterator[None]:
@@ -305,31 +237,11 @@ class BoundTerms:
             for rubbing in self.working_contacts:
                 rubbing.friction_factor = 1.0
 
-    def passed_contact(self, u0: ArrayLike, u1: ArrayLike) -> str:
-        """Return the name of a contact that is passed through from `u0` to `u1` over the present step; "" if there is none."""
-        return next((term.name for term in self.contacts if term.passes(self._state(u0), self._state(u1))), "")
-
-    @cached_property
-    def working_contacts(self) -> list[DoesWork]:
-        """Bound terms of contact that move or rub."""
-        return [term for term in self.bound_terms if isinstance(term, DoesWork)]
-
-    @cached_property
-    def contacts(self) -> list[HasContact]:
-        """Bound terms of contact."""
-        return [term for term in self.bound_terms if isinstance(term, HasContact)]
-
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
         if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
-        return self.space.element_ids(self.inverted_here(u))
-
-    def inverted_here(self, u: ArrayLike) -> NDArray[np.int64]:
-        """Return the ids of `inside_out` in this part of a divided body."""
-        x = self._state(u)
-        inverted = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
-        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *inverted]))
+        return self.mesh.ids_of_all(inverted_in_part(self, u))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
         """Return the smallest principal stretch of the mesh's elements at `u`: 1 at rest, 0 if flat. Errors as in `energy`.
@@ -339,23 +251,14 @@ class BoundTerms:
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body softens: under uniaxial compression more shortening takes less force.
         """
         x = self._state(u)
-        return self.space.least(min((term.smallest_stretch(x) for _, term in self._on_elements_of_mesh), default=np.inf))
+        return self.space.comm.least(min((term.smallest_stretch(x) for _, term in self._on_elements_of_mesh), default=np.inf))
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
 
         StateError as in `energy`.
         """
-        return self.space.element_ids(self.compressed_here(u, below))
-
-    def compressed_here(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
-        """Return the ids of `compressed` in this part of a divided body."""
-        x, below = self._state(u), number("below", below, "a finite stretch")
-        ids = [np.empty(0, dtype=np.int64)]
-        for specification, term in self._on_elements_of_mesh:
-            if term.smallest_stretch(x) < below:
-                ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
-        return np.unique(np.concatenate(ids))
+        return self.mesh.ids_of_all(compressed_in_part(self, u, below))
 
     @property
     def _named(self) -> list[tuple[str, Any]]:
@@ -363,7 +266,41 @@ class BoundTerms:
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Return displacements as (nv, d). All parts of a divided body call this method together."""
-        return self.space.together(by_vertex, self.mesh, u, name)
+        with self.space.comm.together():
+            return by_vertex(self.mesh, u, name)
+
+
+def inverted_in_part(body: BoundTerms, u: ArrayLike) -> NDArray[np.int64]:
+    """Return the ids of the elements of `inside_out` in this part of a divided body."""
+    x, ids = body._state(u), [np.empty(0, dtype=np.int64)]
+    ids += [elements[term.volume_ratios(x) <= FLAT] for elements, term in body._with_volume]
+    return np.unique(np.concatenate(ids))
+
+
+def compressed_in_part(body: BoundTerms, u: ArrayLike, below: float) -> NDArray[np.int64]:
+    """Return the ids of the elements of `compressed` in this part of a divided body."""
+    x, below, ids = body._state(u), number("below", below, "a finite stretch"), [np.empty(0, dtype=np.int64)]
+    for specification, term in body._on_elements_of_mesh:
+        if term.smallest_stretch(x) < below:
+            ids.append(body.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
+    return np.unique(np.concatenate(ids))
+
+
+def elements_to_remove(body: BoundTerms, elements: Any) -> NDArray[np.int64]:
+    """Return the ids of the named elements that are not removed yet, ascending; errors as in `System.without`."""
+    ids_or_mask = whole_array(elements)
+    none = ids_or_mask is not None and (
+        ids_or_mask.shape == (0,) or (ids_or_mask.dtype == bool and ids_or_mask.shape == (body.mesh.nt,))
+    )
+    none = none and not np.any(ids_or_mask)
+    ids = np.empty(0, dtype=np.int64) if none else body.mesh.elements(elements)
+    removed = body.body.removed.copy()
+    removed[ids] = True
+    if removed.all():
+        raise RegionError(
+            f"All {body.mesh.nt} elements would be removed; expected at least one to remain. Is the limit or the mask inverted?"
+        )
+    return np.flatnonzero(removed & ~body.body.removed)
 
 
 def _refuse_not_additive(terms: Sequence[Any]) -> None:

@@ -204,7 +204,7 @@ class FreeDofs:
         is_free[ids.astype(np.int64)] = False
         self.free, self.fixed = np.flatnonzero(is_free), np.flatnonzero(~is_free)
         space: Space = getattr(system, "space", None) or Space(ndofs)
-        if not space.any(len(self.free) > 0):
+        if not space.comm.any(len(self.free) > 0):
             raise StvkError(f"All {space.count} degrees of freedom are fixed: there is nothing to solve for.")
         self._system = system
         self._known: tuple[Pattern, Structure, NDArray[np.int32]] | None = None
@@ -218,7 +218,7 @@ class FreeDofs:
     @property
     def structure(self) -> Structure:
         """Structure of K over the free degrees of freedom."""
-        return self._restriction()[0]
+        return self.restriction()[0]
 
     @property
     def pattern(self) -> Pattern:
@@ -228,9 +228,9 @@ class FreeDofs:
     @property
     def value_indices(self) -> NDArray[np.int32]:
         """Indices in the values of K of the values of K over the free degrees of freedom, ascending."""
-        return self._restriction()[1]
+        return self.restriction()[1]
 
-    def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
+    def restriction(self) -> tuple[Structure, NDArray[np.int32]]:
         """Return the structure of K over the free degrees of freedom, and the indices of its values in those of K.
 
         Both are cached for each pattern.
@@ -263,7 +263,7 @@ class FreeDofs:
             if `K` or `out` has another pattern.
         """
         self._system.pattern.refuse_other(K)
-        structure, places = self._restriction()
+        structure, places = self.restriction()
         if out is None:
             out = structure.matrix(np.empty(structure.nnz, dtype=K.dtype))
         elif not structure.fits(out, K.dtype):

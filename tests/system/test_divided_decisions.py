@@ -92,16 +92,21 @@ def test_a_state_that_overflows_in_one_part_is_refused_in_all(name, value):
         assert own == pytest.approx(energy, rel=1e-13)
 
 
+def alone(comm, work):
+    with comm.together():
+        return work()
+
+
 def test_the_text_of_an_error_is_that_of_the_part_that_has_it():
     def work(system, dofs):
         space = system.space
 
         def fails():
-            if space.leads:
+            if space.comm.leads:
                 raise StateError("only here")
             return 1.0
 
-        return caught(lambda: space.together(fails)), caught(lambda: space.sum_of(fails)), space.sum_of(lambda: 1.5)
+        return caught(lambda: alone(space.comm, fails)), caught(lambda: space.comm.sum_of(fails)), space.comm.sum_of(lambda: 1.5)
 
     found, _ = Division("triangles", "strips").run(work, grounded)
     for _, (together, summed, total) in found:
@@ -135,6 +140,7 @@ LOADS = {
 }
 
 
+@pytest.mark.few
 @divided
 @pytest.mark.parametrize("name", LOADS)
 def test_newton_cuts_steps_in_all_parts_at_the_same_place(name, how, separate_threads):
@@ -262,9 +268,9 @@ def test_analyses_that_need_the_whole_body_are_refused_by_name(name):
     call, text = REFUSED[name]
 
     def work(system, dofs):
-        before = system.space.reductions if system.space.divided else 0
+        before = system.space.comm.reductions if system.space.comm.divided else 0
         error = caught(lambda: call(system))
-        return error, (system.space.reductions if system.space.divided else 0) - before
+        return error, (system.space.comm.reductions if system.space.comm.divided else 0) - before
 
     body = Division("tetrahedra", "strips")
     parts = Division.only_parts(body, work, grounded)
@@ -275,8 +281,8 @@ def test_analyses_that_need_the_whole_body_are_refused_by_name(name):
 
 def test_auto_is_conjugate_gradients_on_parts_and_the_header_says_so(separate_threads, capsys):
     def solve(system, dofs):
-        result = solve_static(system, steps=1, quiet=not system.space.leads)
-        run = simulate(system, LinearBackwardEuler(dt=0.05), until=0.1, quiet=not system.space.leads)
+        result = solve_static(system, steps=1, quiet=not system.space.comm.leads)
+        run = simulate(system, LinearBackwardEuler(dt=0.05), until=0.1, quiet=not system.space.comm.leads)
         return result.solver, run.iterations
 
     body = Division("tetrahedra", "random")

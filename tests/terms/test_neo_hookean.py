@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 import skfem
 from bodies import CURVED, MESHES, STRAIGHT, membrane, scikit_fem_of, sheet, state
-from kernels.parts import in_parts, on_twins
 from scipy.optimize import brentq
 from skfem.helpers import ddot, grad, inv, transpose
-from slow import slow, slow_but
+from slow import slow
 
 from skfem_stvk import (
     BackwardEuler,
@@ -24,7 +23,6 @@ from skfem_stvk import (
     Orthotropic,
     StateError,
     StVK,
-    StvkError,
     StvkWarning,
     System,
     TransverselyIsotropic,
@@ -33,7 +31,7 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
+from skfem_stvk.edges import NONE, TENSILE
 from skfem_stvk.edges.elements import Quadrature
 from skfem_stvk.mesh.points import base_vectors_at, sizes_of
 from skfem_stvk.mesh.rules import rule_of
@@ -105,6 +103,7 @@ def lame(mesh):
     return young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rule", ["usual", "exact"])
 @pytest.mark.parametrize("name", SOLID)
 def test_energy_force_and_tangent_are_those_of_scikit_fem(name, rule):
@@ -117,28 +116,8 @@ def test_energy_force_and_tangent_are_those_of_scikit_fem(name, rule):
         assert abs(body.tangent(u) - K).max() < 1e-12 * abs(K).max()
 
 
-@pytest.mark.parametrize(("name", "rule"), COMPILED)
-def test_compiled_and_readable_kernels_agree(name, rule, monkeypatch):
-    mesh = EVERY[name]
-    planes = (None, "stress") if mesh.k == mesh.d == 2 else (None,)
-
-    def found(plane):
-        term = bound(mesh, rule, plane)
-        for u in (0.3 * crushed(mesh, 0), crushed(mesh, noise=0.03)):
-            for kept in (ALL, TENSILE, Tensions(0.9, 0.2)):
-                force = np.zeros_like(u)
-                W, blocks = term.blocks(u, force, kept=kept)
-                yield from (np.array(W), force, blocks[: term.pairs.size])
-
-    in_parts(monkeypatch, 2)
-    compiled = [list(found(plane)) for plane in planes]
-    on_twins(monkeypatch)
-    for plane, ours in zip(planes, compiled, strict=True):
-        for one, other in zip(found(plane), ours, strict=True):
-            assert np.abs(one).max() > 1e-5 and np.abs(one - other).max() < 1e-12 * np.abs(one).max()
-
-
-@pytest.mark.parametrize("name", slow_but(["triangles", "tetrahedra", "quadratic tetrahedra, curved"], EVERY))
+@pytest.mark.few(3)
+@pytest.mark.parametrize("name", EVERY)
 def test_the_clamped_tangent_is_positive_semi_definite_under_strong_compression(name):
     mesh = EVERY[name]
     for rule in ("usual", *(["one-point"] if name in BOXES else [])):
@@ -201,6 +180,7 @@ def test_sheets_have_the_thickness_with_zero_stress_across(plane):
     assert System(mesh, law).energy(u) == pytest.approx(total, rel=1e-12)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY)
 def test_small_strains_have_the_linear_response_of_the_same_constants(name):
     """Small strains have the linear response to the last digits: at a strain of 1e-9 the energy is of order 1e-18."""
@@ -271,6 +251,7 @@ def test_other_materials_and_segments_are_refused_with_a_remedy():
         System(MESHES["triangles"], NeoHookean(young=1.0, poisson=0.6, plane="stress"))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY)
 def test_stresses_and_energy_densities_are_those_of_the_forces(name):
     """The virtual work of the first Piola-Kirchhoff stress is that of the forces, and the densities add up to the energy.
@@ -308,11 +289,8 @@ def test_messages_about_st_venant_kirchhoff_are_not_given_for_neo_hookean():
     mesh = MESHES["tetrahedra"]
     body = System(mesh, NeoHookean(young=1.0, poisson=0.3))
     u = -0.5 * mesh.p.T.ravel()
-    assert [finding.name for finding in Monitors(body, ellipticity=False).at(u)] == []
-    with pytest.raises(StvkError, match=r"in NeoHookean: expected StVK, .* strong ellipticity"):
-        Monitors(body, ellipticity=True)
-    with pytest.raises(StvkError, match="in NeoHookean"):
-        Fields.of(body).at(u)["smallest_acoustic_eigenvalue"]
+    assert [finding.name for finding in Monitors(body).at(u)] == []
+    assert np.ma.getmaskarray(Fields.of(body).at(u)["smallest_acoustic_eigenvalue"]).all()
     u[: mesh.d] += 3.0
     with pytest.raises(StateError, match="inverted or flat"):
         Fields.of(body).at(u)["cauchy_stress"]
@@ -357,30 +335,18 @@ def test_a_block_compressed_by_its_velocity_has_no_inverted_elements(integrator)
     assert 0.05 < body.smallest_volume_ratio(run.u) < 0.6
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
 @pytest.mark.parametrize(("name", "rule"), COMPILED)
-def test_the_mean_force_is_the_readable_one_and_its_work_is_the_energy_difference(name, rule, dtype, monkeypatch):
-    """The mean force of the compiled kernels equals the readable one on all elements, and its work is the energy difference.
-
-    The readable version has no special treatment of small steps, which removes round-off noise in the compiled kernels.
-    """
+def test_the_work_of_the_mean_force_is_the_energy_difference(name, rule, dtype):
     mesh = EVERY[name]
     limit = 1e-11 if dtype == np.float64 else 3e-4
-
-    def found(plane, u, v):
+    u, v = crushed(mesh, 0.2, 0.03), 0.03 * state(mesh, seed=9).reshape(-1, mesh.d)
+    for plane in (None, "stress") if mesh.k == mesh.d == 2 else (None,):
         term, force = bound(mesh, rule, plane, dtype), np.zeros(u.shape, dtype)
         gained = term.energy_and_force(u + v) - term.energy_and_force(u)
         R = term.mean_force(u, u + v, (0.3, 0.7), 0.5, force)
         assert R > 0 and np.vdot(force, v) == pytest.approx(gained + 0.4 * R, abs=limit * np.abs(force).ravel() @ np.abs(v).ravel())
-        return term.mean_force(u, u + v, (0.5, 0.5), 0.5, force), force
-
-    u, v = crushed(mesh, 0.2, 0.03), 0.03 * state(mesh, seed=9).reshape(-1, mesh.d)
-    planes = (None, "stress") if mesh.k == mesh.d == 2 else (None,)
-    compiled = [found(plane, u, v) for plane in planes]
-    on_twins(monkeypatch)
-    for plane, (R, force) in zip(planes, compiled, strict=True):
-        other_R, other = found(plane, u, v)
-        assert pytest.approx(other_R, rel=10 * limit) == R and np.abs(force - other).max() < limit * np.abs(other).max()
 
 
 def test_the_mean_force_of_rotations_and_of_tiny_steps():

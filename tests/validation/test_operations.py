@@ -37,6 +37,7 @@ def dense(body, blocks, diagonal):
     return K.reshape(3 * body.nv, -1)
 
 
+@pytest.mark.few
 @EVERY
 def test_the_counted_run_gives_the_right_result(chosen, truth):
     u, F, K = truth
@@ -47,6 +48,7 @@ def test_the_counted_run_gives_the_right_result(chosen, truth):
     assert tally.additions > 0 and tally.multiplications > 0 and tally.divisions == 0
 
 
+@pytest.mark.few
 @EVERY
 def test_operations_are_a_sum_over_vertices_edges_faces_and_tetrahedra(chosen, truth, found):
     body = Body(MESH, *LAME)  # not one of the meshes from which the sum was determined
@@ -120,15 +122,3 @@ def test_the_quick_study_prints_its_tables(capsys):
     F, K = map(int, own[" tetrahedra"])
     assert 207 < F < 1.5 * 207 and 604 < K < 1.5 * 604  # of the best Total Lagrangian element, from positions and without W
     assert int(own[" quadratic tetrahedra"][0]) < int(own[" quadratic tetrahedra, curved"][0]) < 14 * F
-
-
-def test_compiled_sources_compute_the_same(truth):
-    pytest.importorskip("numba")
-    from validation.operations.timing import call, shortest
-
-    body = Body(MESH, *LAME)
-    calls = {(a.quantity, a.name): call(a, body, truth[0]) for a in ALGORITHMS if a.name in ("edges", "Total Lagrangian")}
-    for key, once in calls.items():
-        for computed, right in zip(once(), count(algorithm(*key), body, truth[0])[1], strict=True):
-            assert abs(computed - right).max() <= 1e-13 * abs(right).max()
-    assert shortest(calls, 1).keys() == calls.keys()

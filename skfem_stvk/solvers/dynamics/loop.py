@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import StateError, warn
 from ...linear.choose import header_text
 from ...results.complete_files import WriteError
 from ...results.monitors import Finding, Monitors
+from ...results.penetration import contact_findings, start_within
+from ...system.divided import parts_line
 from ...terms.protocols import CanPenetrate
 from ...units import UnitSystem, remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
-from .contact_findings import contact_findings, start_within
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
 from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
-from .motion_outputs import Outputs
+from .motion_outputs import MotionProgress, Outputs
 from .options import Setup
-from .progress import MotionProgress
 from .record import MotionState, RunRecord
 from .removal import Removal, removal_text
 from .run import Run, SimulationError
@@ -77,10 +76,10 @@ class Loop:
             warn(finding.text)
         free, solver, space = setup.motion.states.on(setup.motion.free.free), self._stepper.solver, setup.motion.system.space
         header = f"{setup.motion.body!r}, {free.count} of them free; {setup.integrator}"
-        if free.divided and solver is not None:
+        if free.comm.divided and solver is not None:
             header += f"; {header_text(solver, True)}"
-        header += space.parts + remarks(setup.motion.system)
-        with MotionProgress(header, record.ledger, record.steps, self._quiet or not space.prints) as progress:
+        header += parts_line(setup.motion.system.mesh) + remarks(setup.motion.system)
+        with MotionProgress(header, record.ledger, record.steps, self._quiet) as progress:
             try:
                 self._outputs.save_if_due()
                 status, detail = self._all_steps(progress)
@@ -88,11 +87,11 @@ class Loop:
                     status, detail = self._all_steps(progress)
                 self._outputs.close()
             except (KeyboardInterrupt, Exception) as error:  # full disk or failing load: the run so far is retained
-                raise_if_divided(space, error)
+                raise_if_divided(space.comm, error)
                 status, cause = Status.INTERRUPTED, error
                 detail = self._end_interrupted(error)
         run = self._result(status, detail, cause)
-        space.end_step(False)  # issues the last warnings
+        space.comm.end_step(False)  # issues the last warnings
         if isinstance(cause, KeyboardInterrupt):
             raise Interrupted(run)
         if cause is not None or (raise_on_failure and not run.success):
@@ -118,7 +117,7 @@ class Loop:
                 self._outputs.step()
             progress.step(record.steps, record.steps + (clock.steps_left(until) if whole else 0))
             if whole and clock.steps_left(until):
-                stop_if_requested(motion.system.space)
+                stop_if_requested(motion.system.space.comm)
         return Status.FINISHED, ""
 
     @np.errstate(over="ignore", invalid="ignore")  # states that overflow are rejected later
@@ -136,9 +135,11 @@ class Loop:
                     f"energy was created numerically, {total:.3g} {self._units.of('J')} in all at {self._time(t)}",
                 )
             if whole:
-                removed = self._removal is not None and self._remove(self._removal.chosen(record))
-                self._steps.review(recompute=removed)
-                if removed or self._guard.is_good():
+                chosen = () if self._removal is None else self._removal.chosen(record)
+                if len(chosen):
+                    self._steps.remove(np.asarray(chosen), self._ledger_writer)
+                self._steps.review(recompute=len(chosen) > 0)
+                if len(chosen) or self._guard.is_good():
                     record.store_good_state()
             record.origin = self._stepper.origin
         except StepFailed as error:
@@ -148,21 +149,6 @@ class Loop:
         self._stepping = False
         return Status.FINISHED, ""
 
-    def _remove(self, elements: NDArray[np.int64]) -> bool:
-        """Remove elements at the last recorded state and enter its row again. Return whether any elements were removed."""
-        if not len(elements):
-            return False
-        record, motion = self.record, self.setup.motion
-        state, d = record.state, motion.system.mesh.d
-        self._ledger_writer.record_removal(state, lambda: motion.remove_elements(elements))
-        record.add_removed(elements, state.t)
-        record.history = motion.body.history()
-        state.v.reshape(-1, d)[motion.system.bare] = 0
-        state.a[:] = 0
-        self._steps.start()
-        self._ledger_writer.append_row(state, self._stepper.strain_energy(state))
-        return True
-
     @property
     def _units(self) -> UnitSystem:
         return self.setup.motion.system.units
@@ -170,7 +156,7 @@ class Loop:
     @property
     def _monitors(self) -> Monitors:
         """Search for elements at which the model is unreliable, in the present body."""
-        return Monitors(self.setup.motion.system, ellipticity=False)
+        return Monitors(self.setup.motion.system)
 
     def _arrived(self, state: MotionState) -> None:
         self._ledger_writer.add_work(state)
@@ -205,6 +191,7 @@ class Loop:
             status = Status.ENDED_INVERTED
         message = self._units.text(self._message(status, detail, cause, findings))
         return Run(
+            system=setup.motion.system,
             motion=setup.motion,
             integrator=setup.integrator,
             u=u.copy(),
@@ -259,7 +246,7 @@ class Loop:
         per_size = system.body.lumped_mass.sum() / system.body.sizes.sum()  # density, or mass per area of membranes
         speed = np.sqrt((v**2).sum(axis=1))
         along = speed * (v @ mesh.extent) if mesh.k == mesh.d else speed**2  # speed^2 times the height
-        impact = system.space.most(float(np.sqrt(per_size * along.max(initial=0.0))))
+        impact = system.space.comm.most(float(np.sqrt(per_size * along.max(initial=0.0))))
         return "".join(one.too_soft(impact) for one in system.contacts if isinstance(one, CanPenetrate))
 
     def _time(self, t: float) -> str:

@@ -9,27 +9,29 @@ from contextlib import ExitStack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, flag, number, path
+from ...arguments import Array, flag, number
 from ...errors import LoadError, StvkError, SupportError, name_ids
 from ...mesh.displacements import by_vertex
 from ...mesh.locations import Where
-from ...results.complete_files import OutputFiles
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike, checked_system
 from ...terms.loads.load import Moment
 from ...terms.protocols import set_time
+from ..runs.ledger import Ledger
+from ..runs.outputs import OutputFiles
 from .damping import Damping
 from .integrators import Integrator
-from .ledger import Ledger
 from .ledger_rows import LedgerLocations, column_names
 from .loop import Loop
 from .motion import Motion
+from .motion_checkpoint import MotionCheckpoint
 from .motion_outputs import Outputs
 from .options import Options, Setup, checked_integrator, refuse_unsupported, too_early
 from .record import MotionState, RunRecord
 from .removal import Rule, checked_rule
+from .resumed import resumed
 from .run import Run
 
 
@@ -50,7 +52,7 @@ def simulate(
     fields: Sequence[str] | None = None,
     every: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-    resume: bool | str | os.PathLike[str] = False,
+    resume: bool = False,
     overwrite: bool = False,
     quiet: bool = False,
     raise_on_failure: bool = True,
@@ -161,23 +163,15 @@ def simulate(
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
     body = checked_body(system)
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
-    older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # supported until 1.0
     output_files = OutputFiles.checked(
-        save=save,
-        fields=fields,
-        checkpoint=older if checkpoint is None else checkpoint,
-        resume=False if older or resume is None else resume,
-        overwrite=overwrite,
-        every=every,
+        save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite, every=every
     )
     rule, checkpoint_file = checked_rule(remove), None
     if rule is not None:
-        refuse_divided(body.space, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
+        refuse_divided(body.space.comm, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
     with ExitStack() as stack:
         if output_files.checkpoint is not None:
-            from .motion_checkpoint import MotionCheckpoint  # imports pydantic, only if needed
-
-            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, older, body.space))
+            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, body.space))
         options = Options(
             until=until,
             integrator=integrator,
@@ -192,12 +186,10 @@ def simulate(
             output_files=output_files,
             checkpoint=checkpoint_file,
         )
-        if checkpoint_file is None or checkpoint_file.source is None:
-            start = _new_run(body, options, stack)
+        if checkpoint_file is not None and output_files.resume and checkpoint_file.exists:
+            start = resumed(body, options, stack, checkpoint_file.file)
         else:
-            from .resumed import resumed
-
-            start = resumed(body, options, stack, checkpoint_file.source)
+            start = _new_run(body, options, stack)
         return Loop(*start, quiet).run(raise_on_failure)
 
 
@@ -245,7 +237,7 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
     fixed, prescribed, moment = system.supports.held, system.supports.values(Moment(t0, 1.0)), motion.moment(t0)
     gap = np.abs(prescribed - u[fixed])
     mesh, space = system.mesh, system.space
-    far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.most(float(np.abs(prescribed).max(initial=0.0))))]
+    far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.comm.most(float(np.abs(prescribed).max(initial=0.0))))]
     if len(far):
         vertices = name_ids(np.unique(mesh.node_numbers[far // mesh.d]), "vertex")
         text = (
@@ -255,13 +247,16 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         raise SupportError(system.units.text(text))
     set_time(system.bound_terms, moment)
     with system.units.of_errors():
-        system.refuse_start(u)
+        for contact in system.contacts:
+            contact.refuse_start(u.reshape(-1, mesh.d))
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)
     state = MotionState.at(t0, body.prescribe(u, moment), v, motion.force_rows)
     state.v[motion.free.fixed] = motion.constrained_velocities(t0, dt)
-    if not (space.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads or system.contacts):
+    if not (
+        space.comm.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads or system.contacts
+    ):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
     motion.store_forces(state)
     return state

@@ -30,7 +30,7 @@ from .step_data import FIRST_LINE, step_data
 MOST_MEMORY = 1e9
 #: Default number of modes.
 MODES = 20
-#: Largest number of modes and of sampled elements; unknowns are limited by memory.
+#: Largest number of modes; unknowns are limited by memory.
 MOST = 10_000
 
 
@@ -60,9 +60,6 @@ class ReducedSystem:
         (ndofs, n) displacements of the body, such as states of a path, that the basis must represent as well.
     times
         Times at which prescribed displacements that are functions are sampled; by default 33 between 0 and 1.
-    sampled
-        Number of weighted elements that represent all, in terms whose energy is not a quartic, such as `NeoHookean`, so that their
-        cost does not depend on the mesh either; 0 for all. `sampling` reports their errors.
     most_memory
         Maximum number of bytes that are needed while it is made.
     quiet
@@ -76,8 +73,6 @@ class ReducedSystem:
         (ndofs, r + l) columns of V, then of Phi.
     basis, lifts
         Its parts V (ndofs, r) and Phi (ndofs, l).
-    sampling
-        Sampled elements by the name of a term, with their weights, and the error of the force on states for fitting and on others.
     masses
         (ndofs,) lumped masses M, of density 1 if the body has none.
 
@@ -116,7 +111,6 @@ class ReducedSystem:
         *,
         snapshots: ArrayLike | None = None,
         times: ArrayLike | None = None,
-        sampled: int = 0,
         most_memory: float = MOST_MEMORY,
         quiet: bool = False,
     ) -> None:
@@ -126,7 +120,6 @@ class ReducedSystem:
             modes = min(MODES, body.ndofs - len(body.supports.held))
         modes = whole("modes", modes, f"a number of modes, or 0, at most {MOST}", 0, MOST)
         derivatives, quiet = flag("derivatives", derivatives), flag("quiet", quiet)
-        sampled = whole("sampled", sampled, f"a number of elements, or 0 for all, at most {MOST}", 0, MOST)
         most = number("most_memory", most_memory, "a number of bytes", 0)
         moments = None if times is None else array("times", times, (None,), "a list of times").tolist()
         if moments == []:
@@ -156,12 +149,12 @@ class ReducedSystem:
             columns = np.ascontiguousarray(np.concatenate([basis, lifts.without_basis(masses, basis)], axis=1))
             stages.stage("coefficients")
             terms = [term for term in body.bound_terms if term.quartic]
-            self._set(body, columns, basis.shape[1], quartic_of(body, terms, columns, stages.rows), sampled)
+            self._set(body, columns, basis.shape[1], quartic_of(body, terms, columns, stages.rows))
 
-    def _set(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int = 0) -> None:
+    def _set(self, body: System, columns: Array, size: int, quartic: ReducedQuartic) -> None:
         columns.flags.writeable = False
-        self.in_coordinates = inner = PrecomputedCoordinates(body, columns, size, quartic, sampled)
-        self.body, self.size, self.columns, self.masses, self.sampling = body, size, columns, inner.masses, inner.sampling
+        self.in_coordinates = inner = PrecomputedCoordinates(body, columns, size, quartic)
+        self.body, self.size, self.columns, self.masses = body, size, columns, inner.masses
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
 
     def save(self, path: str | Path) -> Path:
@@ -180,17 +173,15 @@ class ReducedSystem:
             if the path is not writable; for text, if a term or a load needs the mesh in each step, or a name of a location does not
             fit into one line of 127 bytes.
         """
-        from .stores import ReducedFile  # pydantic is imported only where there are files
+        from .stores import ReducedFile, SavedReduced
 
         file = path_of("path", path, "the path of an .npz or .txt file")
         if file.suffix == ".txt":
             write_text(file, step_data(self.in_coordinates), FIRST_LINE)
             return file
         file = npz("path", path)
-        if self.sampling:
-            raise StvkError("Sampled elements are not stored in files; expected a body without them. Leave sampled out.")
-        arrays = {"basis": self.basis, "lifts": self.lifts, "T": self.in_coordinates.coefficients}
-        ReducedFile.write_file(file, _fingerprint(self.body, self.masses), {}, arrays)
+        saved = SavedReduced(self.basis, self.lifts, self.in_coordinates.coefficients)
+        ReducedFile.write_file(file, _fingerprint(self.body, self.masses), saved)
         return file
 
     @classmethod
@@ -220,17 +211,19 @@ class ReducedSystem:
         >>> bool(again.energy(np.ones(4)) == reduced.energy(np.ones(4)))
         True
         """
-        from ...results.store import expect, refusing_damage
+        from ..runs.archive import refusing_damage
         from .stores import ReducedFile
 
         checked_whole(body, "ReducedSystem.load(path, body)", "body")
         file, masses = npz("path", path), masses_of(body)
-        header, arrays = ReducedFile.read_file(file)
-        _fingerprint(body, masses).refuse_other(header.problem, file, ReducedFile.remedy)
+        problem, saved = ReducedFile.read_file(file)
+        _fingerprint(body, masses).refuse_other(problem, file, ReducedFile.remedy)
         with refusing_damage(file, ReducedFile.remedy):
-            V, Phi = (expect(arrays, name, (body.ndofs, None)) for name in ("basis", "lifts"))
+            V, Phi, T = saved.basis, saved.lifts, saved.T
             n = V.shape[1] + Phi.shape[1] + 1
-            quartic = ReducedQuartic(n, expect(arrays, "T", (coefficients(n),)))
+            if (len(V), len(Phi), len(T)) != (body.ndofs, body.ndofs, coefficients(n)):
+                raise ValueError(f"its arrays are of {len(V)} degrees of freedom; expected {body.ndofs}")
+            quartic = ReducedQuartic(n, T)
         if not orthonormality_error(masses, V) < 1e-11:
             raise StvkError(f"{file} holds a basis that is not orthonormal by the masses of the body. {ReducedFile.remedy}")
         made: ReducedSystem = cls.__new__(cls)

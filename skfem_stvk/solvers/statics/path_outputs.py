@@ -2,72 +2,50 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from functools import partial
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 from rich.progress import BarColumn, TimeElapsedColumn
 
-from ...results import Fields, Series
-from ...results.complete_files import OutputFiles
-from ...results.contact_forces import contact_states
 from ...space import Space
 from ...system import System
 from ...system.signature import Fingerprint
 from ...terminal import Progress
 from ..newton.newton import Iterations
+from ..runs.outputs import OutputFiles, StateSeries
 from .history import Attempt, Step
-
-if TYPE_CHECKING:
-    from .path_checkpoint import PathCheckpoint
-
-Write: TypeAlias = Callable[[float, Step], object]
+from .path_checkpoint import PathCheckpoint
 
 #: Load factors at which loads and prescribed displacements are evaluated to identify a problem.
 MOMENTS = 0.5, 1.0
 
 
-@contextmanager
-def opened(
-    output_files: OutputFiles, system: System, options: dict[str, Any], start: Mapping[str, Sequence[float]]
-) -> Iterator[tuple[Write, PathCheckpoint | None]]:
-    """Yield a function that writes a state to the series, and the checkpoint; each only if requested.
+class PathOutputs:
+    """Series and checkpoint of a path, each only if requested, and locked against other writers until the end of `stack`."""
 
-    Both are locked against other writers.
-    """
-    with ExitStack() as stack:
-        write, checkpoint = _nothing, None
-        if output_files.save is not None or output_files.checkpoint is not None:
-            problem = Fingerprint("path of equilibria", system, options, MOMENTS, start)
-        if output_files.checkpoint is not None:
-            from .path_checkpoint import PathCheckpoint  # imports pydantic, needed only for checkpoints
+    def __init__(
+        self, files: OutputFiles, system: System, method: dict[str, Any], start: Mapping[str, Sequence[float]], stack: ExitStack
+    ) -> None:
+        problem = Fingerprint("path of equilibria", system, method, MOMENTS, start)
+        self._system, self.checkpoint, self._series = system, None, None
+        if files.checkpoint is not None:
+            self.checkpoint = stack.enter_context(PathCheckpoint(files.checkpoint, system, problem, files))
+        if files.save is not None:
+            self._series = stack.enter_context(StateSeries(files.save, system, problem, files))
 
-            checkpoint = stack.enter_context(PathCheckpoint(output_files.checkpoint, system, problem, output_files))
-        if output_files.save is not None:
-            series = stack.enter_context(
-                Series(
-                    output_files.save, output_files.fields, problem=problem, overwrite=output_files.overwrite, space=system.space
-                )
-            )
-            write = partial(_add, series, Fields.of(system), system)
-        yield write, checkpoint
-
-
-def _add(series: Series, fields: Fields, system: System, t: float, step: Step) -> None:
-    series.add(fields.at(step.u, contacts=contact_states(system, step.u, step.t)), t)
-
-
-def _nothing(t: float, step: Step) -> None:
-    """Write nothing, because no series was requested."""
+    def save(self, t: float, step: Step) -> None:
+        """Write a state to the series."""
+        if self._series is not None:
+            self._series.add_state(t, self._system, step.u, step.t)
 
 
 class PathProgress(Progress):
     """Progress of a path: a line for each state on standard output, and on a terminal a temporary bar; nothing if `quiet`."""
 
     def __init__(self, header: str, quiet: bool, space: Space) -> None:
-        super().__init__("statics", quiet or not space.prints, (BarColumn(), TimeElapsedColumn()))
+        super().__init__("statics", quiet, (BarColumn(), TimeElapsedColumn()))
         self._space = space
         self.show(total=1.0)
         self.print(header)
@@ -78,7 +56,7 @@ class PathProgress(Progress):
 
     def line(self, outcome: Step | Attempt) -> None:
         """Print a state that was found, now or by the resumed run, or a failed step."""
-        self.print(outcome.line(self._space.most(outcome.largest)) if isinstance(outcome, Step) else str(outcome))
+        self.print(outcome.line(self._space.comm.most(outcome.largest)) if isinstance(outcome, Step) else str(outcome))
         if isinstance(outcome, Step):
             self.show(completed=min(max(outcome.t, 0.0), 1.0))
             for point in outcome.critical:

@@ -24,9 +24,8 @@ WRITERS = (
     "complete_files.py",
     "ledger.py",
     "motion_checkpoint.py",
-    "store.py",
+    "archive.py",
     "vtu.py",
-    "one_writer.py",
 )
 STEPS, EVERY = 2, 2
 

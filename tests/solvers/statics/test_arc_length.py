@@ -224,6 +224,7 @@ def test_a_start_without_stiffness_is_refused_as_a_mechanism():
         solve_static(flat, **OPTIONS)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("load", [0.40, 0.46, 0.473, 0.4739])
 @pytest.mark.parametrize("steps", [1, 2, 3, 4, 6, 10, 20])
 def test_a_load_just_below_a_limit_point_is_not_skipped(load, steps):
@@ -423,12 +424,13 @@ def test_states_beyond_another_stop_are_not_resumed(tmp_path):
         solve_static(bar(), stop=Stop(load=0.01), resume=True, **call)
 
 
-@pytest.mark.parametrize("name", ["resume", "stability", "ellipticity"])
+@pytest.mark.parametrize("name", ["resume", "stability"])
 def test_switches_are_true_or_false(name):
     with pytest.raises(StvkError, match=f"{name} = 'yes'; expected True or False"):
         solve_static(bar(), **{name: "yes"}, **OPTIONS)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("before", "after", "resolved", "hopped"),
     [
