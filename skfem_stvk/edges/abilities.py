@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -235,14 +236,16 @@ def _of_elements(B: Array, ids: NDArray[np.int64]) -> Array:
     return np.asarray(B[block, :, :, lane])
 
 
-@locked
-def rotate_frames(term: Assembly, t: Any) -> None:
-    """Rotate the frames to their orientation at load factor or time `t`."""
-    elements, m = term.elements, law_size(term.law)
+def rotate_frames(term: Assembly, t: Any, history: Any = None) -> Assembly:
+    """Return the term with its frames in their orientation at load factor or time `t`."""
+    elements, m, _ = term.elements, law_size(term.law), term.pairs  # made once for all times
+    rotated = copy(term)
     assert isinstance(term.stored, FramedStiffness)
     R = in_lanes(term.stored.frames(t).reshape(-1, 9)[elements.elements].T.astype(term.dtype)).reshape(-1, 9, LANES)
     counts = 1 if term.points is None else np.diff(term.points.starts) // (m * LANES)
-    term.law.D.reshape(-1, m, LANES)[:, 8:] = np.repeat(R, counts, axis=0)
+    rotated._D = term._D.copy()
+    rotated._D.reshape(-1, m, LANES)[:, 8:] = np.repeat(R, counts, axis=0)
+    return rotated
 
 
 #: St. Venant-Kirchhoff's law. On linear simplices it is an edge form, and many results are exact.
@@ -267,4 +270,4 @@ TENSION = offering(__name__, "TENSION", mean_force=discrete_mean_force, add_roun
 #: An energy of principal stretches. Their decomposition has larger rounding errors than a sum.
 STRETCHES = offering(__name__, "STRETCHES", passes_inversion=True, add_round_off=add_magnitudes_thrice)
 #: Linear elasticity in user-supplied frames. Energy that the body gains or loses as the frames rotate is external work.
-FRAMED = offering(__name__, "FRAMED", has_energy=False, at=rotate_frames, add_round_off=add_magnitudes_thrice)
+FRAMED = offering(__name__, "FRAMED", has_energy=False, takes_time=True, at=rotate_frames, add_round_off=add_magnitudes_thrice)

@@ -290,7 +290,7 @@ class Assembly(PairTerm):
         """Return the bytes of its arrays, by part."""
         parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.elements.memory()
         parts["elements"] += self._D.nbytes
-        return parts | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
+        return parts | {"blocks of edges": nbytes(list(self._scratch.values()))}
 
 
 def offering(module: str, name: str, **abilities: Any) -> type[Assembly]:

@@ -392,7 +392,7 @@ class PairTerm(ABC):
 
     def __init__(self, lock: CopyableLock) -> None:
         self._lock = lock
-        self._filled: Array | None = None
+        self._scratch: dict[str, Array] = {}  # values of the blocks that `fill` used last; the term at another time shares them
 
     @property
     @abstractmethod
@@ -418,8 +418,9 @@ class PairTerm(ABC):
     @locked
     def fill(self, u: Array, rows: Any, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; the other arguments as in `blocks`."""
-        W, self._filled = self.blocks(u, force, self._filled, kept)
-        return Linearized(W, self.pairs.fill(rows, self._filled, add, data))
+        W, filled = self.blocks(u, force, self._scratch.get("blocks"), kept)
+        self._scratch["blocks"] = filled
+        return Linearized(W, self.pairs.fill(rows, filled, add, data))
 
     def by_rows(self, kept: Tensions) -> bool:
         """Return whether `fill` makes K row by row. If so, it also writes a part of K, with `rows(pattern).part(indices)`."""
@@ -444,15 +445,17 @@ class AccumulatedBlocks:
 
     def __init__(self, term: Any, nv: int, d: int, dtype: DTypeLike) -> None:
         self.term, self._space = term, (nv, d, dtype)
-        self._known = version_of(term), blocks_between(term, *self._space)
+        self._made = {version_of(term): blocks_between(term, *self._space)}  # the last one; the term at another time shares it
 
     @property
     def pairs(self) -> PairBlocks:
         """Products and matrices of the blocks."""
-        version, (of, pairs) = version_of(self.term), self._known
-        if of != version:
+        version, made = version_of(self.term), self._made
+        pairs = made.get(version)
+        if pairs is None:
             pairs = blocks_between(self.term, *self._space)
-            self._known = version, pairs
+            made.clear()
+            made[version] = pairs
         return pairs
 
     def with_term(self: Own, term: Any) -> Own:

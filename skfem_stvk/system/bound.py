@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, cast
 
@@ -12,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, number, whole_array
 from ..edges.elements import Quadrature
-from ..edges.pairs import AccumulatedTerm, joined, with_blocks
+from ..edges.pairs import AccumulatedTerm, PairTerm, joined, with_blocks
 from ..errors import ContactError, RegionError, StvkError, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
@@ -22,10 +21,7 @@ from ..terms import (
     BoundLoad,
     BoundTerm,
     CanRemove,
-    DoesWork,
     Grounded,
-    HasContact,
-    HasHistory,
     HasStretch,
     HasVolume,
     Load,
@@ -33,8 +29,8 @@ from ..terms import (
     is_load,
 )
 from ..terms.connectivity import Connected
+from ..terms.loads.bound_contact import BoundContact
 from ..terms.loads.load import Moment, Time
-from ..terms.protocols import Assumption, set_time
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.
 FLAT = 1e-9
@@ -135,7 +131,7 @@ class BoundTerms:
         unsupported += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
-            if not isinstance(bound, CanRemove) and (isinstance(bound, HasHistory) or hasattr(bound, "pattern_version"))
+            if not isinstance(bound, CanRemove) and hasattr(bound, "pattern_version")
         ]
         if unsupported:
             raise StvkError(
@@ -172,7 +168,7 @@ class BoundTerms:
             pairs.with_term(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
             for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
         )
-        for name in ("_with_changing_pairs", "_with_history", "_with_volume", "contacts", "working_contacts"):
+        for name in ("_with_changing_pairs", "_with_history", "_changing", "_with_volume", "contacts", "working_contacts"):
             self.__dict__.pop(name, None)
 
     @property
@@ -209,27 +205,58 @@ class BoundTerms:
     def _elastic(self) -> bool:
         return not self.without_energy and all(term.symmetric for term in self.bound_terms)
 
-    def commit(self, u: ArrayLike, t: Time) -> None:
-        """Begin a step at displacements `u` (ndofs,), at the load factor or moment `t`; terms with history store them."""
-        if self._with_history:
-            set_time(self._with_history, t)
-            for term in self._with_history:
-                term.commit(self._state(u), Moment.of(t).time)
+    def terms_at(self, t: Time) -> tuple[BoundTerm, ...]:
+        """Return the bound terms at the load factor or moment `t`, with the history of its step."""
+        moment = self._moment(t)
+        if not self._changing:
+            return self.bound_terms
+        histories = iter(() if moment.step is None else moment.step.history)
+        history = {i: next(histories, None) for i in self._with_history}
+        return tuple(term.at(moment, history.get(i)) if i in self._changing else term for i, term in enumerate(self.bound_terms))
 
-    def history(self) -> tuple[Array, ...]:
-        """Return copies of the histories of all terms that have one, for `return_to`."""
-        return tuple(term.history.copy() for term in self._with_history)
+    def pairs_at(self, t: Time) -> tuple[PairTerm, ...]:
+        """Return `terms_at` with their blocks."""
+        if not self._changing:
+            return self.pair_terms
+        both = zip(self.pair_terms, self.terms_at(t), strict=True)
+        return tuple(pairs.with_term(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term) for pairs, term in both)
+
+    def _moment(self, t: Time) -> Moment:
+        """Return the moment of load factor or time `t`, checked."""
+        return Moment.checked(t)
+
+    def first_history(self) -> tuple[Array, ...]:
+        """Return the history of each term that has one, before the first step of an analysis."""
+        return tuple(self.bound_terms[i].first_history() for i in self._with_history)
+
+    def advanced(self, history: Sequence[Array], u: ArrayLike, t: Time) -> tuple[Array, ...]:
+        """Return the history of a step that begins at displacements `u` (ndofs,), at `t`, after a step with this `history`."""
+        if not history:
+            return ()
+        x, moment, terms = self._state(u), self._moment(t), (self.bound_terms[i] for i in self._with_history)
+        return tuple(term.advanced(one, x, moment) for term, one in zip(terms, history, strict=True))
+
+    def after_step(self, history: Sequence[Array]) -> tuple[Array, ...]:
+        """Return the history after a step that began with it: pairs of nodes that K couples by now are added."""
+        terms = (self.bound_terms[i] for i in self._with_history)
+        return tuple(term.after_step(one) for term, one in zip(terms, history, strict=True))
 
     def return_to(self, history: Sequence[Array]) -> None:
-        """Go back to a result of `history`. Raises ValueError if it is of another body."""
+        """Prepare for steps from an earlier history. Raises ValueError if it is of another body."""
         if len(history) != len(self._with_history):
             raise ValueError(f"it has the histories of {len(history)} terms; expected {len(self._with_history)}")
-        for term, one in zip(self._with_history, history, strict=True):
-            term.history = one
+        for i, one in zip(self._with_history, history, strict=True):
+            self.bound_terms[i].return_to(one)
 
     @cached_property
-    def _with_history(self) -> list[HasHistory]:
-        return [term for term in (*self.bound_terms, *self.bound_loads) if isinstance(term, HasHistory)]
+    def _changing(self) -> frozenset[int]:
+        """Indices of the terms that depend on more than displacements: on time, history or an assumption."""
+        return frozenset(i for i, term in enumerate(self.bound_terms) if getattr(term, "takes_time", False))
+
+    @cached_property
+    def _with_history(self) -> list[int]:
+        """Indices of the terms with a history."""
+        return [i for i, term in enumerate(self.bound_terms) if getattr(term, "has_history", False)]
 
     @cached_property
     def _with_changing_pairs(self) -> list[Any]:
@@ -264,47 +291,33 @@ class BoundTerms:
         x, y = self._state(u), self._state(v, "v")
         return self.space.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
 
-    def contact_limit(self, u: ArrayLike, v: ArrayLike) -> tuple[float, str]:
-        """Return the largest `s` up to which no contact is passed on the way `u + s v`, and the contact's name; infinity and ""."""
-        limits = [(term.contact_limit(self._state(u), self._state(v, "v")), term.name) for term in self.contacts]
+    def contact_limit(self, u: ArrayLike, v: ArrayLike, t: Time = 0.0) -> tuple[float, str]:
+        """Return the largest `s` up to which no contact is passed on the way `u + s v` at `t`, and its name; infinity and ""."""
+        limits = [(term.contact_limit(self._state(u), self._state(v, "v")), term.name) for term in self.contacts_at(t)]
         return min(limits, default=(np.inf, ""))
 
-    def refuse_start(self, u: ArrayLike) -> None:
+    def refuse_start(self, u: ArrayLike, t: Time = 0.0) -> None:
         """Raise ContactError if surfaces that repel each other intersect at the start `u` (ndofs,), or lie inside each other."""
-        for term in self.contacts:
+        for term in self.contacts_at(t):
             term.refuse_start(self._state(u))
 
-    @contextmanager
-    def assuming(self, what: Assumption, friction: float = 1.0) -> Iterator[None]:
-        """Let tangents contain what contacts would add under an assumption, within the block; states are (nv, d).
-
-        Friction acts with the factor `friction` there.
-        """
-        for term in self.contacts:
-            term.assumed = what
-        for rubbing in self.working_contacts:
-            rubbing.friction_factor = friction
-        try:
-            yield
-        finally:
-            for term in self.contacts:
-                term.assumed = None
-            for rubbing in self.working_contacts:
-                rubbing.friction_factor = 1.0
-
-    def passed_contact(self, u0: ArrayLike, u1: ArrayLike) -> str:
-        """Return the name of a contact that is passed through from `u0` to `u1` over the present step; "" if there is none."""
-        return next((term.name for term in self.contacts if term.passes(self._state(u0), self._state(u1))), "")
+    def passed_contact(self, u0: ArrayLike, u1: ArrayLike, t: Time = 0.0) -> str:
+        """Return the name of a contact that is passed through from `u0` to `u1` over the step of `t`; "" if there is none."""
+        return next((term.name for term in self.contacts_at(t) if term.passes(self._state(u0), self._state(u1))), "")
 
     @cached_property
-    def working_contacts(self) -> list[DoesWork]:
+    def working_contacts(self) -> list[BoundContact]:
         """Bound terms of contact that move or rub."""
-        return [term for term in self.bound_terms if isinstance(term, DoesWork)]
+        return [term for term in self.contacts if term.does_work]
 
     @cached_property
-    def contacts(self) -> list[HasContact]:
+    def contacts(self) -> list[BoundContact]:
         """Bound terms of contact."""
-        return [term for term in self.bound_terms if isinstance(term, HasContact)]
+        return [term for term in self.bound_terms if isinstance(term, BoundContact)]
+
+    def contacts_at(self, t: Time) -> list[BoundContact]:
+        """Return the contacts at the load factor or moment `t`, with the history of its step."""
+        return [term for term in self.terms_at(t) if isinstance(term, BoundContact)] if self.contacts else []
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""

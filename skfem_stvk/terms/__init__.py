@@ -11,6 +11,7 @@ from .laws.neo_hookean import NeoHookean
 from .laws.spring_network import SpringNetwork
 from .laws.stvk import StVK
 from .laws.volume_penalty import VolumePenalty
+from .loads.bound_contact import BoundContact
 from .loads.dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .loads.foundation import ElasticFoundation
 from .loads.friction import Friction
@@ -25,12 +26,9 @@ from .protocols import (
     BoundTerm,
     CanRemove,
     Deformation,
-    DoesWork,
     FollowerLoad,
     Grounded,
-    HasContact,
     HasDampingForce,
-    HasHistory,
     HasMeanForce,
     HasMemory,
     HasPressure,
@@ -44,7 +42,6 @@ from .protocols import (
     Load,
     PointResponse,
     Quartic,
-    TakesTime,
     Term,
     is_load,
 )
@@ -73,21 +70,19 @@ __all__ = [
     "TERMS",
     "Body",
     "BodyForce",
+    "BoundContact",
     "BoundLoad",
     "BoundTerm",
     "CanRemove",
     "Corotated",
     "Deformation",
-    "DoesWork",
     "EdgeNetwork",
     "ElasticFoundation",
     "FollowerLoad",
     "Friction",
     "Gravity",
     "Grounded",
-    "HasContact",
     "HasDampingForce",
-    "HasHistory",
     "HasMeanForce",
     "HasMemory",
     "HasPressure",
@@ -118,7 +113,6 @@ __all__ = [
     "SpringNetwork",
     "StVK",
     "Table",
-    "TakesTime",
     "Term",
     "Traction",
     "VolumePenalty",

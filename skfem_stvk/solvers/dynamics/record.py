@@ -209,7 +209,7 @@ class RunRecord:
     @classmethod
     def at(cls, state: MotionState, ledger: Ledger, body: Any) -> RunRecord:
         """Return the record of a run that begins with this state of the body."""
-        return cls(state, Clock(state.t, 0.0), ledger, history=body.history())
+        return cls(state, Clock(state.t, 0.0), ledger, history=body.first_history())
 
     def add_removed(self, elements: NDArray[np.int64], t: float) -> None:
         """Record that elements were removed at this time. The last good state is never older than the last removal."""

@@ -19,7 +19,6 @@ from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike, checked_system
 from ...terms.loads.load import Moment
-from ...terms.protocols import set_time
 from .damping import Damping
 from .integrators import Integrator
 from .ledger import Ledger
@@ -253,9 +252,8 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
             "ramp. Prescribe a function of t that starts at u0, or start from an equilibrium: u0=solve_static(...).u."
         )
         raise SupportError(system.units.text(text))
-    set_time(system.bound_terms, moment)
     with system.units.of_errors():
-        system.refuse_start(u)
+        system.refuse_start(u, moment)
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)

@@ -460,7 +460,7 @@ class Simulation:
                 self._writer = self._written(record.ledger)
             self._writer.record_removal(state, lambda: motion.remove_elements(ids))
         record.add_removed(ids, state.t)
-        record.history = motion.body.history()
+        record.history = motion.body.after_step(record.history)
         state.v.reshape(-1, motion.system.mesh.d)[motion.system.bare] = 0
         state.a[:] = 0
         self._steps.start()

@@ -50,7 +50,7 @@ class Steps:
 
     def start(self) -> None:
         """Prepare for a step from the state of the record."""
-        self._motion.body.return_to(self._record.history)
+        self._return_to(self._record.history)
         self.stepper.start(self._record.state)
 
     def refuse_far(self, until: float) -> None:
@@ -84,6 +84,11 @@ class Steps:
         if dt != record.clock.dt:
             record.clock.change(dt)
 
+    def _return_to(self, history: tuple[Array, ...]) -> None:
+        """Go back to the step that began with this history."""
+        self._motion.body.return_to(history)
+        self._motion.begin_step(history)
+
     def _bisected(self, t: float) -> bool:
         """Advance to time `t`, in parts if a step finds no state. Return whether it was made in parts."""
         state = self._record.state
@@ -99,7 +104,7 @@ class Steps:
             except StepFailed:
                 state.copy_from(before)
                 self._record.history = history
-                self._motion.body.return_to(history)
+                self._return_to(history)
                 raise
             state.reaction, state.forces = impulses[0] / (t - before.t), impulses[1] / (t - before.t)
             self._consecutive += 1
@@ -125,21 +130,22 @@ class Steps:
                     impulse += (end - begin) * force
 
     def _part(self, state: MotionState, t: float) -> None:
-        """Make one step of the integrator. Terms with history store the state at its beginning, unless it fails."""
-        body, system = self._motion.body, self._motion.system
+        """Make one step of the integrator. The history becomes that of its beginning, unless it fails."""
+        motion, body, system = self._motion, self._motion.body, self._motion.system
         before = state.copy() if len(state.forces) else None
-        body.commit(state.u, self._motion.moment(state.t))
+        history = body.advanced(self._record.history, state.u, motion.moment(state.t))
+        motion.begin_step(history)
         try:
             self.stepper.step(state, t)
-            if before is not None and (name := system.passed_contact(before.u, state.u)):
+            if before is not None and (name := system.passed_contact(before.u, state.u, motion.moment(state.t))):
                 state.copy_from(before)
                 raise StepFailed(f"{End.CONTACT.value}: {name!r}")
         except StepFailed:
-            body.return_to(self._record.history)
+            self._return_to(self._record.history)
             if system.contacts:
                 self.stepper.start(state)
             raise
-        self._record.history = body.history()
+        self._record.history = body.after_step(history)
         if before is not None:
             self.stepper.store_forces(before, state)
         self._arrived(state)

@@ -114,7 +114,7 @@ def newton(problem: Problem, u: Array, t: Time, options: NewtonOptions) -> tuple
     if options.full_first and not problem.has_barrier:
         found, end = _Descent(problem, t, options, record, search=False).from_state(u)
         stable = end.converged and not record.negative_pivots
-        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.way_is_free(u, found):
+        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.way_is_free(u, found, t):
             return found, end, record
         record.restarted = len(record)
     found, end = _Descent(problem, t, options, record, search=True).from_state(u)
@@ -200,7 +200,7 @@ class _Descent:
             self._record.lengths.append(1.0)
             return u + v
         limit = np.inf if inverted else self._problem.step_limit(u, v)
-        through, contact = self._problem.contact_limit(u, v)
+        through, contact = self._problem.contact_limit(u, v, self._t)
         limit = min(limit, through)
         s = length(self._problem, u, v, self._t, residual, BEFORE_THE_LIMIT * limit)
         if s is None:

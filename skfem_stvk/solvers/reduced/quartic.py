@@ -95,7 +95,7 @@ def quartic_of(
             _add_by_tangents(T, term, fields, body)
     if terms:
         pair_terms = [with_blocks(term, body.mesh.nv, body.mesh.d, body.dtype) for term in terms]
-        operator = TangentOperator(body.mesh, pair_terms, np.zeros(body.ndofs), body.dtype)
+        operator = TangentOperator(body.mesh, lambda t: pair_terms, np.zeros(body.ndofs), body.dtype)
         K = fields.T @ np.array([operator @ field for field in np.ascontiguousarray(fields.T)]).T
         _set_quadratic(T, n, (K + K.T) / 2)
     return ReducedQuartic(n, T)

@@ -17,6 +17,7 @@ from ...results.state_files import PATH, PATH_FILE
 from ...results.store import FolderStore, Header, Record, expect, refusing_damage, remove_file
 from ...system import System
 from ...system.signature import Fingerprint
+from ...terms.loads.load import Moment, StepStart
 from ..newton.newton import End, Iterations
 from ..newton.outcome import Status
 from .critical import BIFURCATION, LIMIT_POINT, CriticalPoint
@@ -126,6 +127,7 @@ class PathCheckpoint(FolderStore[StateHeader]):
         self._count = 0
         self._old_files: list[Path] = []
         self.steps: list[Step] = []
+        self.histories: list[tuple[Array, ...]] = []  # of the terms at the beginning of each step
         self.saved: dict[str, Any] = {}
 
     def opened(self) -> None:
@@ -160,13 +162,18 @@ class PathCheckpoint(FolderStore[StateHeader]):
             header, arrays = self.read_own(file, REMEDY)
             with refusing_damage(file, self.remedy):
                 u = expect(arrays, "u", (self._system.ndofs,))
-                if self.steps:
-                    self._system.commit(self.steps[-1].u, self.steps[-1].t)
-                _check_equilibrium(self._system, u, header)
+                self.histories.append(self._next_history())
+                _check_equilibrium(self._system, u, header, self.histories[-1])
                 self.steps.append(_unpacked(header.step, u, arrays, self._system))
                 _check_order(self.steps, header, number)
             self.saved = header.walk.model_dump(exclude_unset=True)
         self._count = len(files)
+
+    def _next_history(self) -> tuple[Array, ...]:
+        """Return the history of the terms at the beginning of the step after those that are read."""
+        if not self.steps:
+            return self._system.first_history()
+        return self._system.advanced(self.histories[-1], self.steps[-1].u, Moment.of(self.steps[-1].t))
 
 
 def _packed(step: Step, saved: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -194,7 +201,7 @@ def _unpacked(record: StepRecord, u: Array, arrays: dict[str, Array], system: Sy
     for i, one in enumerate(record.critical):
         there, mode = expect(arrays, f"critical {i}", (2, len(u)))
         critical.append(CriticalPoint(one.kind, one.t, there, mode, one.resolved))
-    energy = sum(system.elastic_energies(u))
+    energy = sum(system.elastic_energies(u, record.t))
     if not np.isclose(record.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny, equal_nan=True):
         raise ValueError(f"its strain energy is {record.strain_energy:g}; expected {energy:g}, the energy of its displacements")
     return Step(u=u, **(plain | {"critical": tuple(critical)}))
@@ -238,20 +245,21 @@ def _check_order(steps: list[Step], header: StateHeader, number: int) -> None:
         )
 
 
-def _check_equilibrium(system: System, u: Array, header: StateHeader) -> None:
+def _check_equilibrium(system: System, u: Array, header: StateHeader, history: tuple[Array, ...]) -> None:
     """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
     step = header.step
+    moment = Moment(step.t, step.t, step=StepStart(history, in_time=False))
     constrained, prescribed = system.supports.held, system.supports.values(step.t)
     gap, *sizes = (system.space.most(float(np.abs(x).max(initial=0.0))) for x in (u[constrained] - prescribed, prescribed, u))
     if gap > 1e-9 * sum(sizes):
         raise ValueError(f"its displacements differ from those of the supports at t = {step.t:g} by up to {gap:.3g} m")
     loads = system.external_force(u, step.t)
-    forces = system.internal_force(u) - loads
+    forces = system.internal_force(u, moment) - loads
     reactions = forces[constrained].copy()
     forces[constrained] = 0
     scale = system.space.norm(loads) + system.space.on(constrained).norm(reactions)
     if system.contacts:
-        scale += system.space.norm(system.contact_force(u))
+        scale += system.space.norm(system.contact_force(u, moment))
     rtol: Any = header.problem.method["rtol"]
     small, size = RESIDUAL * max(rtol, step.iterations.residuals[-1]), system.space.norm(forces)
     if size > small * max(scale, SMALLEST_SCALE * header.walk.largest):

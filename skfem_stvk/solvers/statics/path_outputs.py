@@ -17,13 +17,14 @@ from ...space import Space
 from ...system import System
 from ...system.signature import Fingerprint
 from ...terminal import Progress
+from ...terms.loads.load import Moment
 from ..newton.newton import Iterations
 from .history import Attempt, Step
 
 if TYPE_CHECKING:
     from .path_checkpoint import PathCheckpoint
 
-Write: TypeAlias = Callable[[float, Step], object]
+Write: TypeAlias = Callable[[float, Step, Moment], object]
 
 #: Load factors at which loads and prescribed displacements are evaluated to identify a problem.
 MOMENTS = 0.5, 1.0
@@ -55,11 +56,11 @@ def opened(
         yield write, checkpoint
 
 
-def _add(series: Series, fields: Fields, system: System, t: float, step: Step) -> None:
-    series.add(fields.at(step.u, contacts=contact_states(system, step.u, step.t)), t)
+def _add(series: Series, fields: Fields, system: System, t: float, step: Step, moment: Moment) -> None:
+    series.add(fields.at(step.u, contacts=contact_states(system, step.u, moment)), t)
 
 
-def _nothing(t: float, step: Step) -> None:
+def _nothing(t: float, step: Step, moment: Moment) -> None:
     """Write nothing, because no series was requested."""
 
 

@@ -24,6 +24,7 @@ from ...results.series import save_series
 from ...results.vtu import DEFAULT
 from ...system import System
 from ...terminal import html_table
+from ...terms.loads.load import Moment, StepStart
 from ..newton.outcome import Status, with_remedy
 from .critical import CriticalPoint
 from .history import History, Step
@@ -51,6 +52,8 @@ class StaticResult:
         Seconds by part: assemble, factor, solve, other.
     projected
         Whether the states are those of a `ReducedSystem`, in equilibrium on its basis. Then reactions need a linear solve.
+    step
+        Beginning of the last step, from which friction acts; None if no term has a history.
 
     Examples
     --------
@@ -72,6 +75,11 @@ class StaticResult:
     solver: str
     seconds: dict[str, float]
     projected: bool = False
+    step: StepStart | None = None
+
+    @property
+    def _moment(self) -> Moment:
+        return Moment(self.t, self.t, step=self.step)
 
     @property
     def success(self) -> bool:
@@ -123,12 +131,12 @@ class StaticResult:
         ContactError
             if there is no such contact.
         """
-        return contact_state(self.system, name, self.u, self.t)
+        return contact_state(self.system, name, self.u, self._moment)
 
     @cached_property
     def contacts(self) -> tuple[ContactState, ...]:
         """States of all contacts, as `contact` returns them."""
-        return contact_states(self.system, self.u, self.t)
+        return contact_states(self.system, self.u, self._moment)
 
     @cached_property
     def state(self) -> State:
@@ -188,7 +196,7 @@ class StaticResult:
         increasing = bool((np.diff(self.history.t) > 0).all())
         times = self.history.t if increasing else range(1, len(self.history) + 1)
         at, system = self.state.fields.at, self.system
-        rubs = any(contact.has_friction for contact in system.working_contacts)
+        rubs = any(contact.has_friction for contact in system.contacts)
         contacts = (() if rubs else contact_states(system, step.u, step.t) for step in self.history)
         states = (at(step.u, contacts=known) for step, known in zip(self.history, contacts, strict=True))
         return save_series(path, fields, zip(map(float, times), states, strict=True))
