@@ -38,11 +38,6 @@ FINDINGS = (
         "Take a law that stiffens, or add a volume term: [what StVK is not](../topics/wrong-model.md).",
     ),
     (
-        "not elliptic",
-        "strong ellipticity lost, with `ellipticity=True`",
-        "Compare with a finer mesh: [what StVK is not](../topics/wrong-model.md).",
-    ),
-    (
         "deep contact",
         "points deeper in a rigid shape than 0.05 of the facets' edge",
         "Take a larger stiffness: [contact](../how-to/contact.md).",
@@ -160,7 +155,6 @@ WARNINGS = {
             "Pass the `save` of the first run to continue its series.",
         ),
         ("is missing and cannot be restored", "a resumed series without one of its states", "Start again if you need this state."),
-        ("is supported until version 1.0", "a checkpoint named by its file", "Pass the folder that the message names."),
     ),
     "Results and files": (
         ("leaves no thickness", "membranes stretched so far that no thickness is left", "Check the units of loads and moduli."),

@@ -207,7 +207,7 @@ _PACKAGE = str(Path(__file__).parent) + os.sep, "<frozen importlib"
 
 @dataclass
 class RankWarnings:
-    """Warnings of one rank since the ranks compared theirs; see `linear.space.Space.end_step`.
+    """Warnings of one rank since the ranks compared theirs; see `space.Communicator.end_step`.
 
     Attributes
     ----------
@@ -229,9 +229,14 @@ on_rank: RankWarnings | None = None
 LOG = logging.getLogger(__package__)
 
 
+def prints() -> bool:
+    """Return whether this rank prints its warnings and its progress."""
+    return on_rank is None or on_rank.prints
+
+
 def logs() -> bool:
     """Return whether lines are logged, by this rank."""
-    return LOG.isEnabledFor(logging.INFO) and (on_rank is None or on_rank.prints)
+    return LOG.isEnabledFor(logging.INFO) and prints()
 
 
 def log(line: str) -> None:
@@ -247,7 +252,7 @@ def warn(text: str) -> None:
     """
     if on_rank is not None:
         on_rank.texts.append(text)
-    if on_rank is None or on_rank.prints:
+    if prints():
         issue(text)
 
 

@@ -1,4 +1,4 @@
-"""Spaces of vectors: products and norms, and maps between a space and its subspaces."""
+"""Spaces of vectors: products, norms and maps between a space and its subspaces; and the communicator of a divided body."""
 
 from __future__ import annotations
 
@@ -21,122 +21,31 @@ Result = TypeVar("Result")
 SQUARES = 1e-280, 1e300
 
 
-class Space:
-    """Space of vectors (n,), such as the displacements of all degrees of freedom of a body.
+class Communicator:
+    """Communicator of the parts of a body. Here there is one part, on one process; on several ranks see `ranks.Ranks`.
 
-    `on` and `spanned_by` return subspaces. A space has vectors of one kind, and the kind is never inferred from their length.
-    `share`, `total`, `least`, `most`, `any` and `element_ids` combine the results of all parts of a divided body; here there is one
-    part. All parts must call these methods in the same order, and so those that use them.
+    All parts must call its methods in the same order, and so the methods that use them.
 
     Attributes
     ----------
-    n
-        Length of its vectors.
     rank, size
         Number of this part, from 0, and number of parts.
-    comm
-        Communicator of the ranks that have the parts of a divided body; None on one machine.
-
-    Examples
-    --------
-    >>> V = np.array([[1.0], [1.0], [2.0]])
-    >>> whole = Space(3)
-    >>> whole.on(np.array([0, 2])).expand(np.array([5.0, 7.0])), whole.on(np.array([0, 2])).restrict(np.array([1.0, 2.0, 3.0]))
-    (array([5., 0., 7.]), array([1., 3.]))
-    >>> whole.spanned_by(V).expand(np.array([2.0])), whole.spanned_by(V).restrict(np.array([1.0, 2.0, 3.0]))
-    (array([2., 2., 4.]), array([9.]))
+    mpi
+        Communicator of MPI; None on one process.
     """
 
     rank, size = 0, 1
-    comm: Any = None
+    mpi: Any = None
 
-    def __init__(self, n: int) -> None:
-        self.n = n
-
-    @cached_property
-    def count(self) -> int:
-        """Number of entries of the vectors of the whole body."""
-        return self.n
+    @property
+    def divided(self) -> bool:
+        """Whether the body is divided into parts."""
+        return self.size > 1
 
     @property
     def leads(self) -> bool:
         """Whether this part prints and writes what is of the whole body."""
         return self.rank == 0
-
-    @property
-    def prints(self) -> bool:
-        """Whether the progress of this part is printed."""
-        return True
-
-    @property
-    def parts(self) -> str:
-        """Line on the number and sizes of the parts of a divided body, for the header of a run; empty on one machine."""
-        return ""
-
-    @property
-    def divided(self) -> bool:
-        """Whether the body is divided into parts, each with a space of its own."""
-        return self.size > 1
-
-    @property
-    def owned(self) -> tuple[slice, ...]:
-        """Ranges of the entries that count in products and sums: all, or in a divided body those of this part, ascending."""
-        return (slice(0, self.n),)
-
-    @cached_property
-    def numbers(self) -> NDArray[np.int64]:
-        """Numbers (n,) of the entries, independent of the division of a mesh."""
-        return np.arange(self.n)
-
-    def on(self, dofs: NDArray[np.integer] | slice) -> Space:
-        """Return the space of some entries, by their indices: the free degrees of freedom, for example."""
-        return Entries(self, dofs)
-
-    def spanned_by(self, V: Array) -> Space:
-        """Return the space of coordinates x (m,) of vectors `V x`, with the columns of `V` (n, m)."""
-        return Span(self, V)
-
-    def expand(self, x: Array) -> Array:
-        """Return the vector of the parent space; `x` itself if there is no parent space."""
-        return x
-
-    def restrict(self, f: Array) -> Array:
-        """Apply the transpose of `expand`: return the forces (n,) on the coordinates of this space."""
-        return f
-
-    def entries(self, dofs: NDArray[np.integer]) -> Callable[[Array], Array]:
-        """Return a function that computes the entries `dofs` of `expand(x)` alone, such as the displacements of a few nodes."""
-        return lambda x: self.expand(x)[dofs]
-
-    def dot(self, x: Array, y: Array) -> float:
-        """Return `x . y` without BLAS, whose threads wait for those of the kernels.
-
-        On a busy machine this takes 0.05 ms instead of 5 ms for 50 000 entries.
-        """
-        return self.total(float(sum(np.einsum("i,i", x[own], y[own]) for own in self.owned)))
-
-    def norm(self, x: Array) -> float:
-        """Return `|x|`, also if squares underflow or overflow, because forces of 1e-200 N count."""
-        square = self.dot(x, x)  # einsum does not warn of overflow
-        if SQUARES[0] < square < SQUARES[1]:
-            return float(np.sqrt(square))
-        largest = self.most(float(np.abs(x).max(initial=0.0)))
-        return largest * self.norm(x / largest) if 0 < largest < np.inf else largest
-
-    def random(self, seed: int = 0) -> Array:
-        """Return normally distributed numbers (n,), the same for each seed and each division of a body."""
-        return normal(self.numbers, seed)
-
-    def share(self, f: Array) -> Array:
-        """Add, in place, the contributions of other parts at shared nodes to `f`; return `f`.
-
-        `f` is contiguous, with one number or row for each entry, or for each node: (n,), (nv,), (nv, d) or (nv, d, d).
-        """
-        return f
-
-    def counted(self, x: Array) -> Array:
-        """Return `x`, (n,) or (nv,), with zeros at the entries or nodes that other parts count; `x` itself if there are none."""
-        return x
 
     def total(self, x: Number) -> Number:
         """Return the sum of a number, or of an array entry by entry, over all parts."""
@@ -158,22 +67,6 @@ class Space:
         """Return the objects `x` of all parts, in their order."""
         return [x]
 
-    def end_step(self, stop: bool) -> bool:
-        """Return whether `stop` is true in any part. The warnings of all parts since the last call are issued once."""
-        return stop
-
-    def element_ids(self, ids: NDArray[np.int64], most: int | None = None) -> NDArray[np.int64]:
-        """Return the ids in the whole mesh of elements with these `ids` in the parts, of all parts, ascending.
-
-        If the body is divided, at most the first `most` of them.
-        """
-        return ids
-
-    @property
-    def shared(self) -> NDArray[np.int64]:
-        """Nodes that other parts have, too, ascending."""
-        return np.empty(0, dtype=np.int64)
-
     def collect(self, x: Any) -> list[Any]:
         """Return the objects of all parts, in their order, on the part that leads; an empty list elsewhere."""
         return [x]
@@ -182,12 +75,9 @@ class Space:
         """Return the object of the part that leads."""
         return x
 
-    def few(self, nodes: NDArray[np.bool_], most: int = 5) -> tuple[NDArray[np.int64], int]:
-        """Return the first numbers in the whole body of the chosen nodes (nv,) of all parts, and how many these nodes are."""
-        d = self.n // len(nodes)
-        numbers = np.unique(self.numbers[::d][nodes] // d)[:most]
-        count = int(self.total(float(self.counted(nodes.astype(float)).sum())))
-        return np.unique(np.concatenate(self.each(numbers)))[:most], count
+    def end_step(self, stop: bool) -> bool:
+        """Return whether `stop` is true in any part. The warnings of all parts since the last call are issued once."""
+        return stop
 
     def united(
         self, group: NDArray[np.int32], numbers: NDArray[np.int64], items: NDArray[np.int64], keys: NDArray[np.int64]
@@ -198,17 +88,6 @@ class Space:
         the order of their first items.
         """
         return group
-
-    def union(self, ids: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-        """Return the nodes, or entries, that at least one of the parts names by its `ids`, ascending.
-
-        The part has `count` nodes or entries. Another part may have the facets or elements at a shared node that a name means.
-        """
-        if not self.divided:
-            return ids
-        named = np.zeros(count)
-        named[ids] = 1
-        return np.flatnonzero(self.share(named))
 
     def gather(self, numbers: NDArray[np.int64], values: Array) -> tuple[NDArray[np.int64], Array]:
         """Return the `numbers` (n,) of all parts, ascending, and their `values` (n, ...). Each number is in one part only."""
@@ -242,6 +121,10 @@ class Space:
             raise error or StateError(text)
 
 
+#: Communicator of a body that is not divided.
+ONE_PROCESS = Communicator()
+
+
 def _tried(work: Callable[..., Result], arguments: tuple[Any, ...]) -> tuple[Result | None, StateError | None]:
     """Return the result of `work(*arguments)`, or its StateError."""
     try:
@@ -250,48 +133,142 @@ def _tried(work: Callable[..., Result], arguments: tuple[Any, ...]) -> tuple[Res
         return None, error
 
 
+class Space:
+    """Space of vectors (n,), such as the displacements of all degrees of freedom of a body.
+
+    `on` and `spanned_by` return subspaces. A space has vectors of one kind, and the kind is never inferred from their length. A
+    subclass maps its vectors to those of another space: it overrides `expand` and `restrict`. In a divided body each part has the
+    vectors of its own nodes, and `comm` combines the results of the parts.
+
+    Parameters
+    ----------
+    n
+        Length of its vectors.
+    comm
+        Communicator of the parts of a divided body.
+
+    Examples
+    --------
+    >>> V = np.array([[1.0], [1.0], [2.0]])
+    >>> whole = Space(3)
+    >>> whole.on(np.array([0, 2])).expand(np.array([5.0, 7.0])), whole.on(np.array([0, 2])).restrict(np.array([1.0, 2.0, 3.0]))
+    (array([5., 0., 7.]), array([1., 3.]))
+    >>> whole.spanned_by(V).expand(np.array([2.0])), whole.spanned_by(V).restrict(np.array([1.0, 2.0, 3.0]))
+    (array([2., 2., 4.]), array([9.]))
+    """
+
+    def __init__(self, n: int, comm: Communicator = ONE_PROCESS) -> None:
+        self.n, self.comm = n, comm
+
+    @cached_property
+    def owned(self) -> tuple[slice, ...]:
+        """Ranges of the entries that count in products and sums: all, or in a divided body those of this part, ascending."""
+        return (slice(0, self.n),)
+
+    @cached_property
+    def count(self) -> int:
+        """Number of entries of the vectors of the whole body."""
+        return int(self.comm.total(sum(own.stop - own.start for own in self.owned)))
+
+    @cached_property
+    def numbers(self) -> NDArray[np.int64]:
+        """Numbers (n,) of the entries, independent of the division of a mesh."""
+        return np.arange(self.n)
+
+    @cached_property
+    def shared(self) -> NDArray[np.int64]:
+        """Nodes that other parts have, too, ascending."""
+        return np.empty(0, dtype=np.int64)
+
+    def on(self, dofs: NDArray[np.integer] | slice) -> Space:
+        """Return the space of some entries, by their indices: the free degrees of freedom, for example."""
+        return Entries(self, dofs)
+
+    def spanned_by(self, V: Array) -> Space:
+        """Return the space of coordinates x (m,) of vectors `V x`, with the columns of `V` (n, m)."""
+        return Span(V)
+
+    def expand(self, x: Array) -> Array:
+        """Return the vector of the parent space; `x` itself if there is no parent space."""
+        return x
+
+    def restrict(self, f: Array) -> Array:
+        """Apply the transpose of `expand`: return the forces (n,) on the coordinates of this space."""
+        return f
+
+    def entries(self, dofs: NDArray[np.integer]) -> Callable[[Array], Array]:
+        """Return a function that computes the entries `dofs` of `expand(x)` alone, such as the displacements of a few nodes."""
+        return lambda x: self.expand(x)[dofs]
+
+    def dot(self, x: Array, y: Array) -> float:
+        """Return `x . y` without BLAS, whose threads wait for those of the kernels.
+
+        On a busy machine this takes 0.05 ms instead of 5 ms for 50 000 entries.
+        """
+        return self.comm.total(float(sum(np.einsum("i,i", x[own], y[own]) for own in self.owned)))
+
+    def norm(self, x: Array) -> float:
+        """Return `|x|`, also if squares underflow or overflow, because forces of 1e-200 N count."""
+        square = self.dot(x, x)  # einsum does not warn of overflow
+        if SQUARES[0] < square < SQUARES[1]:
+            return float(np.sqrt(square))
+        largest = self.comm.most(float(np.abs(x).max(initial=0.0)))
+        return largest * self.norm(x / largest) if 0 < largest < np.inf else largest
+
+    def random(self, seed: int = 0) -> Array:
+        """Return normally distributed numbers (n,), the same for each seed and each division of a body."""
+        return normal(self.numbers, seed)
+
+    def share(self, f: Array) -> Array:
+        """Add, in place, the contributions of other parts at shared nodes to `f`; return `f`.
+
+        `f` is contiguous, with one number or row for each entry, or for each node: (n,), (nv,), (nv, d) or (nv, d, d).
+        """
+        return f
+
+    def counted(self, x: Array) -> Array:
+        """Return `x`, (n,) or (nv,), with zeros at the entries or nodes that other parts count; `x` itself on one process."""
+        if not self.comm.divided:
+            return x
+        each, counts = self.n // len(x), np.zeros(len(x))
+        for own in self.owned:
+            counts[own.start // each : own.stop // each] = 1
+        return x * counts
+
+    def union(self, ids: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+        """Return the nodes, or entries, that at least one of the parts names by its `ids`, ascending.
+
+        The part has `count` nodes or entries. Another part may have the facets or elements at a shared node that a name means.
+        """
+        if not self.comm.divided:
+            return ids
+        named = np.zeros(count)
+        named[ids] = 1
+        return np.flatnonzero(self.share(named))
+
+    def few(self, nodes: NDArray[np.bool_], most: int = 5) -> tuple[NDArray[np.int64], int]:
+        """Return the first numbers in the whole body of the chosen nodes (nv,) of all parts, and how many these nodes are."""
+        d = self.n // len(nodes)
+        numbers = np.unique(self.numbers[::d][nodes] // d)[:most]
+        count = int(self.comm.total(float(self.counted(nodes.astype(float)).sum())))
+        return np.unique(np.concatenate(self.comm.each(numbers)))[:most], count
+
+
 class Entries(Space):
     """Subspace of some of the entries of a space's vectors."""
 
     def __init__(self, whole: Space, dofs: NDArray[np.integer] | slice) -> None:
-        super().__init__(len(range(whole.n)[dofs]) if isinstance(dofs, slice) else len(dofs))
+        super().__init__(len(range(whole.n)[dofs]) if isinstance(dofs, slice) else len(dofs), whole.comm)
         self._whole, self._dofs = whole, dofs
-        self.comm, self.rank, self.size = whole.comm, whole.rank, whole.size
 
     @cached_property
     def numbers(self) -> NDArray[np.int64]:
         return self._whole.numbers[self._dofs]
 
     @cached_property
-    def count(self) -> int:
-        return int(self.total(sum(own.stop - own.start for own in self.owned)))
-
-    @cached_property
     def owned(self) -> tuple[slice, ...]:
         dofs = np.arange(self._whole.n)[self._dofs]  # ascending
         return tuple(slice(*np.searchsorted(dofs, [own.start, own.stop])) for own in self._whole.owned)
-
-    def share(self, f: Array) -> Array:
-        f[:] = self.restrict(self._whole.share(self.expand(f)))
-        return f
-
-    def counted(self, x: Array) -> Array:
-        return self.restrict(self._whole.counted(self.expand(x)))
-
-    def total(self, x: Number) -> Number:
-        return self._whole.total(x)
-
-    def least(self, x: Number) -> Number:
-        return self._whole.least(x)
-
-    def most(self, x: Number) -> Number:
-        return self._whole.most(x)
-
-    def any(self, x: bool) -> bool:
-        return self._whole.any(x)
-
-    def each(self, x: Item) -> list[Item]:
-        return self._whole.each(x)
 
     def expand(self, x: Array) -> Array:
         v = np.zeros(self._whole.n)
@@ -306,7 +283,7 @@ class Entries(Space):
 class Span(Space):
     """Coordinates of the vectors of a space that lie in the span of some columns."""
 
-    def __init__(self, whole: Space, V: Array) -> None:
+    def __init__(self, V: Array) -> None:
         super().__init__(V.shape[1])
         self._V = V
 

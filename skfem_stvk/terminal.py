@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, TextCol
 from rich.progress import Progress as Bar
 from rich.table import Table
 
-from .errors import log, logs
+from .errors import log, logs, prints
 
 WIDTH = 124
 #: Exit codes of the commands: success; a check did not pass, or a solve did not converge; bad input; a scene does not give the
@@ -129,7 +129,7 @@ class Progress:
     """
 
     def __init__(self, name: str, quiet: bool, columns: tuple[ProgressColumn, ...], **options: Any) -> None:
-        self._quiet = quiet
+        self._quiet = quiet or not prints()
         self._reports = not quiet or logs()  # whether lines are printed or logged
         self._bar: Bar | None = None
         self._notebook = False

@@ -1,9 +1,9 @@
-"""Systems of units, and the check for values that are implausible in them."""
+"""Systems of units: names and factors, and the question whether stiffnesses are in other ones."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
@@ -143,138 +143,38 @@ UNITS = {
 }
 
 
-@dataclass(frozen=True)
-class UsualRange:
-    """Usual range of the values of a kind, from `low` to `high` in SI units, and the units that are often mistaken for theirs."""
-
-    dimension: str
-    low: float
-    high: float
-    mistaken: tuple[tuple[str, float], ...] = ()
-
-    def holds(self, value: float) -> bool:
-        """Return whether a value in SI units is usual."""
-        return self.low <= value <= self.high
+#: Usual Young's moduli, from soft tissue to diamond [Pa], and the weight per volume of a light solid, that of wood [N/m^3].
+SOFTEST, STIFFEST, LIGHTEST = 500.0, 2e12, 5e3
 
 
-STIFFNESS = UsualRange("stress", 500.0, 2e12, (("GPa", 1e9), ("MPa", 1e6), ("Pa", 1.0)))
-SIZE = UsualRange("length", 1e-7, 200.0, (("mm", 1e-3), ("um", 1e-6), ("m", 1.0)))
-#: Usual values of keys: soft tissue, foam, rubber, wood, metals; from parts of a micrometre to bridges.
-KEYS: dict[str, UsualRange] = {
-    **dict.fromkeys(("young", "young_axial", "young_transverse", "shear", "shear_axial", "mu", "voigt"), STIFFNESS),
-    **dict.fromkeys(("size", "length", "radius", "width"), SIZE),
-    "density": UsualRange("density", 10.0, 3e4, (("g/cm^3", 1e3), ("kg/m^3", 1.0))),
-    "g": UsualRange("acceleration", 0.1, 5e3, (("m/s^2", 1.0), ("mm/s^2", 1e-3))),
-    "velocity": UsualRange("velocity", 1e-9, 2e4, (("m/s", 1.0), ("mm/s", 1e-3))),
-    "thickness": UsualRange("length", 1e-9, 20.0, (("mm", 1e-3), ("um", 1e-6), ("m", 1.0))),
-    "area": UsualRange("area", 1e-16, 1e3, (("mm^2", 1e-6), ("m^2", 1.0))),
-    "force": UsualRange("force", 1e-12, 1e10, (("N", 1.0), ("kN", 1e3))),
-    "until": UsualRange("time", 1e-10, 1e7, (("s", 1.0), ("ms", 1e-3))),
-    "dt": UsualRange("time", 1e-15, 1e6, (("s", 1.0), ("ms", 1e-3))),
-}
-#: Wave speeds sqrt(E/rho), from soft tissue to diamond [m/s]; and the lower limit for materials denser than stone [kg/m^3].
-SLOWEST, FASTEST = 0.3, 3e4
-HEAVY, SLOW_IN_HEAVY = 3e3, 50.0
-#: Weight per volume of a light solid, that of wood [N/m^3].
-LIGHTEST = 5e3
+def implausible_moduli(moduli: Mapping[str, Any], units: UnitSystem, size: float = 0.0) -> list[str]:
+    """Return, in a sentence each, the Young's moduli, by name, that are implausible in these units.
 
-
-def questions(units: UnitSystem, size: float, materials: Iterable[tuple[str, Any]]) -> dict[str, str]:
-    """Return the values of a body that are implausible in these units, in a sentence each, by their name.
-
-    Parameters
-    ----------
-    units
-        System of units of all values.
-    size
-        Largest extent of the body.
-    materials
-        Materials by name, with `young` and `density`, if they have them.
+    A body of the largest extent `size` is expected to carry its own weight.
 
     Examples
     --------
-    >>> from skfem_stvk import Isotropic
-    >>> steel = Isotropic(young=2.1e5, poisson=0.3)
-    >>> print(questions(UNITS["SI"], 100.0, [("steel", steel)])["steel"])
-    steel: young = 210000 Pa is too soft for a body of 100 m, which would collapse under its own weight. Millimetres and MPa?
-    Then units = "mm-N-MPa".
+    >>> print(*implausible_moduli({"steel: young": 2.1e5}, UNITS["SI"], size=100.0))
+    steel: young = 210000 Pa is unusual for a body of 100 m; usual are 500000 to 2e+12 Pa. It would be usual with
+    units = "mm-N-MPa", "mm-kg-ms", "mm-g-ms", "um-kg-s", "in-lbf-s".
     """
-    found = {"size": text} if (text := unusual(units, "the size of the mesh", "size", "length", size)) else {}
-    for path, material in materials:
-        for name in ("young", "density"):
-            value = size_of(getattr(material, name, None))
-            if value and (text := unusual(units, f"{path}.{name}", name, KEYS[name].dimension, value)):
-                found[f"{path}.{name}"] = text
-        text = waves(units, path, material) or too_soft(units, path, material, size)
-        if text and f"{path}.young" not in found and f"{path}.density" not in found:
-            found[path] = text
+
+    def usual(units: UnitSystem) -> tuple[float, float]:
+        stress = units.factor("stress")
+        return max(SOFTEST, LIGHTEST * size * units.factor("length")) / stress, STIFFEST / stress
+
+    (low, high), symbol, found = usual(units), units.symbol("stress"), []
+    body = f" for a body of {size:.6g} {units.symbol('length')}" if size else ""
+    for name, young in moduli.items():
+        E = 0.0 if young is None else float(np.max(np.abs(young), initial=0.0))
+        if E == 0 or low <= E <= high:
+            continue
+        others = ", ".join(f'"{one.name}"' for one in UNITS.values() if usual(one)[0] <= E <= usual(one)[1])
+        other = f" It would be usual with units = {others}." if others else ""
+        found.append(f"{name} = {E:.6g} {symbol} is unusual{body}; usual are {low:g} to {high:g} {symbol}.{other}")
     return found
 
 
-def too_soft(units: UnitSystem, path: str, material: Any, size: float) -> str:
-    """Return the remark on a stiffness that is below the pressure of the body's own weight, if other units would explain it."""
-    young, mm = size_of(getattr(material, "young", None)), UNITS["mm-N-MPa"]
-    if not young or units is not UNITS["SI"] or young > LIGHTEST * size:
-        return ""
-    if not STIFFNESS.holds(young * mm.factor("stress")) or young * mm.factor("stress") < LIGHTEST * size * mm.length:
-        return ""
-    return (
-        f"{path}: young = {_shown(young)} Pa is too soft for a body of {_shown(size)} m, which would collapse under its own "
-        f'weight. Millimetres and MPa? Then units = "{mm.name}".'
-    )
-
-
 def remarks(body: Any) -> str:
-    """Return lines with the values of a `System` that are implausible in its units, for the header of a run; empty if none."""
+    """Return the lines of `System.implausible` for the header of a run; empty if there are none."""
     return "" if body.remarked else "".join(f"\nnote: {text}" for text in body.implausible())
-
-
-def unusual(units: UnitSystem, path: str, name: str, dimension: str, value: float) -> str:
-    """Return the remark on a value; empty if it is usual."""
-    usual = KEYS.get(name)
-    if usual is None or usual.dimension != dimension or usual.holds(value * units.factor(dimension)):
-        return ""
-    factor, symbol = units.factor(dimension), units.symbol(dimension)
-    text = f"{path} = {_shown(value)} {symbol} is unusual; usual are {usual.low / factor:g} to {usual.high / factor:g} {symbol}"
-    candidates = [(unit, si) for unit, si in usual.mistaken if unit != symbol and usual.holds(value * si)]
-    cause = (
-        "" if not candidates else f": {_shown(value)} {candidates[0][0]} is {_shown(value * candidates[0][1] / factor)} {symbol}"
-    )
-    others = [one.name for one in UNITS.values() if one is not units and usual.holds(value * one.factor(dimension))]
-    other = f" It would be usual with units = {_listed(others)}." if others else ""
-    return f"{text}{cause}.{other}"
-
-
-def waves(units: UnitSystem, path: str, material: Any) -> str:
-    """Return the remark on stiffness and density that do not match; empty if they match."""
-    young, density = getattr(material, "young", None), getattr(material, "density", None)
-    if not size_of(young) or not size_of(density):
-        return ""
-    heavy = size_of(density) * units.factor("density")
-    speed = float(np.sqrt(size_of(young) * units.factor("stress") / heavy))
-    if SLOWEST <= speed <= FASTEST and not (heavy > HEAVY and speed < SLOW_IN_HEAVY):
-        return ""
-    stress, dense = units.symbol("stress"), units.symbol("density")
-    return (
-        f"{path}: young = {_shown(size_of(young))} {stress} and density = {_shown(size_of(density))} {dense} are inconsistent: the "
-        f"speed of sound would be {speed:.3g} m/s. Check the units of both."
-    )
-
-
-def size_of(given: Any) -> float:
-    """Return the absolute value of a number, or the largest of several; 0 for other values."""
-    if isinstance(given, bool) or not isinstance(given, int | float | Sequence | np.ndarray) or isinstance(given, str):
-        return 0.0
-    try:
-        return float(np.max(np.abs(np.asarray(given, dtype=np.float64)), initial=0.0))
-    except (TypeError, ValueError):  # tables, ragged rows
-        return 0.0
-
-
-def _shown(value: float) -> str:
-    return f"{value:.6g}"
-
-
-def _listed(names: Sequence[str]) -> str:
-    quoted = [f'"{name}"' for name in names]
-    return quoted[0] if len(quoted) == 1 else f"{', '.join(quoted[:-1])} or {quoted[-1]}"

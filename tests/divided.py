@@ -15,7 +15,7 @@ from bodies import EVERY_MESH
 from skfem_stvk import ElasticFoundation, ElementMesh, Gravity, StVK, System
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh.facets import linked
-from skfem_stvk.space import Space
+from skfem_stvk.space import Communicator, Space
 
 
 class Exchange:
@@ -33,40 +33,13 @@ class Exchange:
         return found
 
 
-class PartSpace(Space):
-    """Space of a part of a body with `n` degrees of freedom.
+class PartCommunicator(Communicator):
+    """Communicator of a part of a body, which counts its reductions and the ids that it sends."""
 
-    `numbers` are the degrees of freedom of the part, `elements` the ids of its elements in the body.
-    """
-
-    numbers = None
-
-    def __init__(self, exchange, part, n, d, numbers, elements, owned):
-        super().__init__(len(numbers))
+    def __init__(self, exchange, part):
         self.reductions = self.ids_sent = 0
         self._of_all = lambda value: exchange.values(part, value)
-        self._whole, self.numbers, self._elements = n, numbers, elements
-        self._owned, self.rank, self.size = owned, part, exchange.barrier.parties
-        self.count, self._d = n, d
-
-    @property
-    def owned(self):
-        return self._owned
-
-    def share(self, f):
-        each = self.n // len(f)  # d for rows of nodes
-        numbers, rows = self.numbers[::each] // each, f.reshape(self.n // each, -1)
-        total = np.zeros((self._whole // each, rows.shape[1]))
-        for of_part, values in self._of_all((numbers, rows)):
-            total[of_part] += values
-        rows[:] = total[numbers]
-        return f
-
-    def counted(self, x):
-        each, counts = self.n // x.size, np.zeros(x.size)
-        for own in self.owned:
-            counts[own.start // each : own.stop // each] = 1
-        return counts * x
+        self.rank, self.size = part, exchange.barrier.parties
 
     def total(self, x):
         return sum(self._reduced(x))
@@ -85,17 +58,8 @@ class PartSpace(Space):
         return self._of_all(x)
 
     def each(self, x):
+        self.ids_sent += len(x) if isinstance(x, np.ndarray) else 0
         return self._of_all(x)
-
-    def element_ids(self, ids, most=None):
-        sent = np.sort(self._elements[ids])[:most]
-        self.ids_sent += len(sent)
-        return np.unique(np.concatenate(self._of_all(sent)))[:most]
-
-    @property
-    def shared(self):
-        others = [ids for part, ids in enumerate(self._of_all(self.numbers)) if part != self.rank]
-        return np.flatnonzero(np.isin(self.numbers[:: self._d], np.concatenate(others)))
 
     def collect(self, x):
         values = self._of_all(x)
@@ -116,6 +80,31 @@ class PartSpace(Space):
         lowest = {one: min(np.array(first)[whole == one]) for one in set(whole.tolist())}
         order = {one: number for number, one in enumerate(sorted(lowest, key=lowest.get))}
         return np.array([order[whole[begin[self.rank] + one]] for one in every[self.rank][0]], dtype=np.int32)
+
+
+class PartSpace(Space):
+    """Space of a part of a body with `n` degrees of freedom, `d` at each node; `numbers` are those of the part."""
+
+    numbers = owned = None
+
+    def __init__(self, exchange, part, n, d, numbers, owned):
+        super().__init__(len(numbers), PartCommunicator(exchange, part))
+        self._whole, self.numbers, self.owned = n, numbers, owned
+        self.count, self._d = n, d
+
+    def share(self, f):
+        each = self.n // len(f)  # d for rows of nodes
+        numbers, rows = self.numbers[::each] // each, f.reshape(self.n // each, -1)
+        total = np.zeros((self._whole // each, rows.shape[1]))
+        for of_part, values in self.comm._of_all((numbers, rows)):
+            total[of_part] += values
+        rows[:] = total[numbers]
+        return f
+
+    @property
+    def shared(self):
+        others = [ids for part, ids in enumerate(self.comm._of_all(self.numbers)) if part != self.comm.rank]
+        return np.flatnonzero(np.isin(self.numbers[:: self._d], np.concatenate(others)))
 
 
 class Part(ElementMesh):
@@ -163,7 +152,7 @@ def part_of(mesh, parts, number, exchange):
     skin = local[skin.reshape(-1, len(mesh.boundaries["skin"]))].T
     part = Part(mesh.p[:, nodes], local[mesh.t[:, ids]], boundaries={"skin": skin}, element=mesh.element)
     dofs = (d * nodes[:, None] + np.arange(d)).ravel()
-    attributes = {"space": PartSpace(exchange, number, mesh.p.size, d, dofs, ids, owned), "surface": skin, "bounds": mesh.bounds}
+    attributes = {"space": PartSpace(exchange, number, mesh.p.size, d, dofs, owned), "surface": skin, "bounds": mesh.bounds}
     attributes |= {"node_numbers": nodes, "element_numbers": ids, "element_count": mesh.nt}
     for name, value in attributes.items():
         object.__setattr__(part, name, value)

@@ -3,8 +3,6 @@
 import re
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "reference" / "equations.md").read_text(encoding="utf-8")
 ENTRIES = dict(re.findall(r"^### (.+?)\n(.*?)(?=^##|\Z)", PAGE, re.MULTILINE | re.DOTALL))
@@ -29,24 +27,35 @@ def test_every_claim_has_one_entry():
     assert all(word in title for word, title in zip(CLAIMS, claims, strict=True))
 
 
-@pytest.mark.parametrize("title", ENTRIES)
-def test_cited_code_and_tests_exist_and_each_entry_has_a_verdict(title):
-    lines = {key: " ".join(text.split()) for key, text in re.findall(r"^- (\w+): (.*?)(?=^- |\Z)", ENTRIES[title], re.M | re.S)}
-    assert list(lines) == ["Code", "Test", "Measured", "Verdict"]
-    assert set(re.findall(r"\*\*(.+?)\*\*", lines["Verdict"])) <= VERDICTS and "**" in lines["Verdict"]
-    code = re.findall(r"`([\w/]+\.py)` \(((?:`\w+`(?:, )?)+)\)", lines["Code"])
-    assert code
-    for file, names in code:
-        text = (ROOT / file).read_text(encoding="utf-8")
-        missing = [
-            name for name in re.findall(r"\w+", names) if not re.search(rf"(class|def) {name}\b|^\s*{name}(:.*)? = ", text, re.M)
-        ]
-        assert not missing, (file, missing)
-    tests = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", lines["Test"])
-    assert len(tests) == lines["Test"].count("::") > 0
-    for file, name in tests:
-        assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), (file, name)
-    for page, section in re.findall(r"\]\(([\w./-]+\.md)(?:#([\w-]+))?\)", lines["Measured"]):
+def entries():
+    """Return the lines of each entry by title, as a dict of texts by their keys."""
+    found = {title: re.findall(r"^- (\w+): (.*?)(?=^- |\Z)", text, re.M | re.S) for title, text in ENTRIES.items()}
+    return {title: {key: " ".join(text.split()) for key, text in pairs} for title, pairs in found.items()}
+
+
+def test_each_entry_has_its_lines_and_a_verdict():
+    for title, lines in entries().items():
+        assert list(lines) == ["Code", "Test", "Measured", "Verdict"], title
+        assert set(re.findall(r"\*\*(.+?)\*\*", lines["Verdict"])) <= VERDICTS and "**" in lines["Verdict"], title
+
+
+def test_cited_code_and_tests_exist():
+    missing = []
+    for title, lines in entries().items():
+        code = re.findall(r"`([\w/]+\.py)` \(((?:`\w+`(?:, )?)+)\)", lines["Code"])
+        tests = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", lines["Test"])
+        assert code and len(tests) == lines["Test"].count("::") > 0, title
+        for file, name in [(file, name) for file, names in [*code, *tests] for name in re.findall(r"\w+", names)]:
+            text = (ROOT / file).read_text(encoding="utf-8")
+            if not re.search(rf"(class|def) {name}\b|^\s*{name}(:.*)? = ", text, re.M):
+                missing.append((title, file, name))
+    assert missing == []
+
+
+def test_pages_of_measurements_have_the_cited_sections():
+    links = [link for lines in entries().values() for link in re.findall(r"\]\(([\w./-]+\.md)(?:#([\w-]+))?\)", lines["Measured"])]
+    for page, section in links:
         text = (ROOT / "docs" / "reference" / page).read_text(encoding="utf-8")
         slugs = {re.sub(r"[^\w -]", "", head.lower()).strip().replace(" ", "-") for head in re.findall(r"^#+ (.+)$", text, re.M)}
         assert not section or section in slugs, (page, section)
+    assert len(links) > 10

@@ -152,26 +152,25 @@ def change_in_place(array):
         array *= 1.3
 
 
-@pytest.mark.parametrize("name", ARRAYS)
-def test_a_specification_does_not_change_with_its_source_array(name):
-    make, original = ARRAYS[name]
-    given = original.copy()
-    terms, expected = make(given), answer(make(original.copy()))
-    change_in_place(given)
-    changed = answer(make(given.copy()))
-    assert np.abs(changed - expected).max() > 1e-6 * np.abs(expected).max()
-    assert np.array_equal(answer(terms), expected)
+def test_a_specification_does_not_change_with_its_source_array():
+    for name, (make, original) in ARRAYS.items():
+        given = original.copy()
+        terms, expected = make(given), answer(make(original.copy()))
+        change_in_place(given)
+        changed = answer(make(given.copy()))
+        assert np.abs(changed - expected).max() > 1e-6 * np.abs(expected).max(), name
+        assert np.array_equal(answer(terms), expected), name
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, (_, array) in ARRAYS.items() if "mask" not in name and array.ndim == 1 and "components" not in name]
-)
-def test_lists_are_copied_too(name):
-    make, original = ARRAYS[name]
-    given = original.tolist()
-    terms, expected = make(given), answer(make(original.copy()))
-    given.pop()
-    assert answer(terms) == pytest.approx(expected)
+def test_lists_are_copied_too():
+    lists = [name for name, (_, array) in ARRAYS.items() if "mask" not in name and array.ndim == 1 and "components" not in name]
+    for name in lists:
+        make, original = ARRAYS[name]
+        given = original.tolist()
+        terms, expected = make(given), answer(make(original.copy()))
+        given.pop()
+        assert answer(terms) == pytest.approx(expected), name
+    assert len(lists) > 30
 
 
 class Series:

@@ -1,11 +1,12 @@
 """A program imports only the packages and the parts of this package that it uses; each case runs in a fresh process."""
 
+import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from slow import slow_but
 
 import skfem_stvk
 
@@ -83,17 +84,7 @@ USES = {
 }
 
 
-def imported(code, folder):
-    """Return the modules that the code imports in a fresh process, except those of scikit-fem and numba."""
-    before = "import sys, skfem, numba, scipy.sparse\nbefore = set(sys.modules)\n"
-    after = "\nprint(*sorted(set(sys.modules) - before))"
-    path = f"import sys; sys.path.insert(0, {str(ROOT)!r})\n"
-    done = subprocess.run([sys.executable, "-c", path + before + code + after], cwd=folder, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-    return set(done.stdout.splitlines()[-1].split())
-
-
-#: Command on a scene; at its end the modules that it imported are printed.
+#: Command on a scene.
 SOLVE = """
 from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.scenes import templates
@@ -102,32 +93,59 @@ with open("scene.toml", "w") as file:
 main(["solve", "scene.toml", "--quiet"])
 """
 
-QUICK = ("the package alone", "energy, force and tangent", "statics", "implicit motion", "a series", "a scene", "a picture")
+#: Program that runs each code in a process forked from one that has imported scikit-fem and numba, and in a folder of its own.
+EACH = """
+import json, os, sys, skfem, numba, scipy.sparse
+uses, before = json.loads(sys.argv[1]), set(sys.modules)
+for number, code in enumerate(uses):
+    if os.fork() == 0:
+        os.mkdir(str(number))
+        os.chdir(str(number))
+        exec(code, {"__name__": "__main__"})
+        with open("modules", "w") as file:
+            print(*sorted(set(sys.modules) - before), file=file)
+        os._exit(0)
+    if os.wait()[1] != 0:
+        sys.exit(code)
+"""
 
 
-@pytest.mark.parametrize("use", slow_but(QUICK, USES))
-def test_a_use_imports_only_the_packages_that_it_needs(use, tmp_path):
-    code, needed = USES[use]
-    there = imported(code, tmp_path)
-    assert [name for name in HEAVY if name in there] == [name for name in HEAVY if name in needed.split()]
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    """Return the modules that each use imports in a fresh process, except those of scikit-fem and numba."""
+    folder = tmp_path_factory.mktemp("uses")
+    codes = {name: code for name, (code, _) in USES.items()} | {"a command": SOLVE}
+    paths = os.environ | {"PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", EACH, json.dumps(list(codes.values()))]
+    done = subprocess.run(command, cwd=folder, env=paths, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return {name: set((folder / str(number) / "modules").read_text().split()) for number, name in enumerate(codes)}
+
+
+def test_a_use_imports_only_the_packages_that_it_needs(imported):
+    needed = {name: [package for package in HEAVY if package in packages.split()] for name, (_, packages) in USES.items()}
+    assert {name: [package for package in HEAVY if package in imported[name]] for name in USES} == needed
 
 
 @pytest.mark.parametrize(
-    "code, parts",
-    [("import skfem_stvk", "all"), (ENERGY, PARTS), (STATIC, ["solvers.dynamics", "solvers.reduced", "referee", "scenes"])],
+    "use, parts",
+    [
+        ("energy, force and tangent", PARTS),
+        ("statics", ["solvers.dynamics", "solvers.reduced", "referee", "scenes"]),
+    ],
 )
-def test_a_use_imports_only_the_parts_of_the_package_that_it_needs(code, parts, tmp_path):
-    ours = {name for name in imported(code, tmp_path) if name.startswith("skfem_stvk.")}
-    if parts == "all":
-        assert ours == set()
-    else:
-        assert ours and not [name for name in ours for part in parts if f"{name}.".startswith(f"skfem_stvk.{part}.")]
+def test_a_use_imports_only_the_parts_of_the_package_that_it_needs(use, parts, imported):
+    ours = {name for name in imported[use] if name.startswith("skfem_stvk.")}
+    assert ours and not [name for name in ours for part in parts if f"{name}.".startswith(f"skfem_stvk.{part}.")]
 
 
-def test_a_command_on_one_machine_imports_nothing_of_ranks(tmp_path):
-    there = imported(SOLVE, tmp_path)
-    assert "skfem_stvk.scenes.run_scene" in there
-    assert not [name for name in there if name.startswith(("mpi4py", "pymetis", "skfem_stvk.ranks"))]
+def test_the_package_alone_imports_none_of_its_parts(imported):
+    assert not [name for name in imported["the package alone"] if name.startswith("skfem_stvk.")]
+
+
+def test_a_command_on_one_machine_imports_nothing_of_ranks(imported):
+    assert "skfem_stvk.scenes.run_scene" in imported["a command"]
+    assert not [name for name in imported["a command"] if name.startswith(("mpi4py", "pymetis", "skfem_stvk.ranks"))]
 
 
 def test_all_public_names_can_be_imported():

@@ -59,14 +59,9 @@ def unmarked_blocks(docstring):
     return [f"no '::' before {block}" for before, block in indented if not before.endswith("::") and not before.startswith("    ")]
 
 
-@pytest.mark.parametrize("name", PUBLIC)
-def test_docstrings_of_public_names_follow_numpydoc(name):
-    assert not faults(name)
-
-
-@pytest.mark.parametrize("name", [name for name in MEMBERS if not documented_in_a_base_class(name)])
-def test_docstrings_of_members_follow_numpydoc(name):
-    assert not faults(name)
+def test_docstrings_of_public_names_and_their_members_follow_numpydoc():
+    names = [*PUBLIC, *(name for name in MEMBERS if not documented_in_a_base_class(name))]
+    assert {name: found for name in names if (found := faults(name))} == {}
 
 
 def test_most_public_names_have_members_that_are_checked():

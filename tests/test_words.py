@@ -8,8 +8,6 @@ from functools import cache
 from pathlib import Path
 from textwrap import dedent
 
-import pytest
-
 ROOT = Path(__file__).parent.parent
 LONGEST = 30
 SECTION = re.compile(r"^(Parameters|Attributes|Returns|Yields|Raises|Warns|Notes|Examples|References)\n-+$", re.MULTILINE)
@@ -106,11 +104,10 @@ def sources(folder):
     return [(path.relative_to(ROOT), path.read_text(encoding="utf-8")) for path in sorted((ROOT / folder).rglob("*.py"))]
 
 
-@pytest.mark.parametrize("folder", ["skfem_stvk", "validation", "tests"])
-@pytest.mark.parametrize("rule", RULES)
-def test_every_docstring_keeps_the_rule(rule, folder):
-    found = [f"{path}:{line}: {text}" for path, source in sources(folder) for line, text in breaches(rule, source)]
-    assert len(sources(folder)) > 100 and not found, f"{len(found)} docstrings break '{rule}':\n" + "\n".join(found[:20])
+def test_every_docstring_keeps_the_rules():
+    files = [one for folder in ("skfem_stvk", "validation", "tests") for one in sources(folder)]
+    found = [f"{path}:{line}: {rule}: {text}" for path, source in files for rule in RULES for line, text in breaches(rule, source)]
+    assert len(files) > 500 and not found, f"{len(found)} docstrings break a rule:\n" + "\n".join(found[:20])
 
 
 PLANTED = {
@@ -146,10 +143,11 @@ PLANTED = {
 }
 
 
-@pytest.mark.parametrize(("rule", "doc"), [(rule, doc) for rule, docs in PLANTED.items() for doc in docs])
-def test_a_planted_fault_breaks_its_rule_alone(rule, doc):
-    function = ast.parse(f"def stiffness():\n    {doc!r}\n").body[0]
-    assert [name for name, judge in RULES.items() if judge(doc, function)] == [rule]
+def test_a_planted_fault_breaks_its_rule_alone():
+    for rule, docs in PLANTED.items():
+        for doc in docs:
+            function = ast.parse(f"def stiffness():\n    {doc!r}\n").body[0]
+            assert [name for name, judge in RULES.items() if judge(doc, function)] == [rule], doc
 
 
 def test_a_planted_word_in_a_comment_is_found():

@@ -24,6 +24,7 @@ from . import (
     models,
     operations,
     part,
+    protection,
     reduced,
     response,
     resumed,
@@ -60,6 +61,7 @@ STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
     "contact": (contact.main, ("quick", "only")),
     "hostile": (hostile.main, ("quick", "only", "case")),
     "fuzz": (fuzz.main, ("cases",)),
+    "protection": (protection.main, ("only", "again")),
 }
 
 #: Parts of a study that `--only` selects.
@@ -73,6 +75,7 @@ PARTS = {
     "reduced": reduced.NAMES,
     "contact": contact.NAMES,
     "hostile": hostile.NAMES,
+    "protection": protection.NAMES,
 }
 
 
@@ -104,6 +107,9 @@ def main() -> int:
             )
             command.add_argument("--seconds", type=float, metavar="S", help="start no new cases after this time")
             command.add_argument("--seed", type=int, default=0, help="seed of the first cases, 0 by default")
+        if "again" in options:
+            command.add_argument("--list", action="store_true", dest="listed", help="print the mutants, and run nothing")
+            command.add_argument("--again", action="store_true", help="judge mutants again that have a verdict")
         if "out" in options:
             command.add_argument("--out", metavar="FOLDER", help="write pictures and tables to this folder")
     arguments = vars(parser.parse_args())

@@ -54,7 +54,7 @@ def equal(part: MeshPart, tetrahedra: int) -> dict[str, float]:
     v = np.cos(0.7 * np.arange(len(u)))
 
     def difference(own: Array, reference: Array) -> float:
-        return space.most(float(abs(own - reference[at]).max())) / float(abs(reference).max())
+        return space.comm.most(float(abs(own - reference[at]).max())) / float(abs(reference).max())
 
     def static(system: System) -> Array:
         return solve_static(system, steps=1, solver=CG, rtol=1e-12, quiet=True).u
@@ -95,25 +95,25 @@ def costs(part: MeshPart, seconds: float = 2.0) -> dict[str, Any]:
     """Return times [ms] of calls on this part, the least of many and the largest of all ranks, and their traffic."""
     space, system = part.space, body(part)
     found: dict[str, Any] = {
-        "ranks": space.size,
+        "ranks": space.comm.size,
         "tetrahedra": part.element_count,
-        "shared nodes": space.most(len(space.shared)),
-        "surface": space.most(len(space.shared) / part.nv),
+        "shared nodes": space.comm.most(len(space.shared)),
+        "surface": space.comm.most(len(space.shared) / part.nv),
     }
     for name, call in calls(system).items():
         call()
-        space.traffic.reset()
+        space.comm.traffic.reset()
         result = call()
         times = result if name == "CG" else 1
-        traffic = {kind: count / times for kind, count in vars(space.traffic).items()}
-        found[name] = {"ms": 1e3 * space.most(least(call, space.comm, seconds)) / times, **traffic}
+        traffic = {kind: count / times for kind, count in vars(space.comm.traffic).items()}
+        found[name] = {"ms": 1e3 * space.comm.most(least(call, space.comm.mpi, seconds)) / times, **traffic}
     return found
 
 
 def solved(part: MeshPart, solver: str) -> dict[str, int]:
     """Return the numbers of unknowns and of iterations of a solve to 1e-8, with K at rest and a random force."""
     system = body(part)
-    tangent = FreeTangent(system, choose(solver, system.ndofs, Kind.SYMMETRIC, divided=part.space.divided), Kind.SYMMETRIC)
+    tangent = FreeTangent(system, choose(solver, system.ndofs, Kind.SYMMETRIC, divided=part.space.comm.divided), Kind.SYMMETRIC)
     K = tangent.at(np.zeros(system.ndofs), 1.0, ALL, False)
     solution = tangent.factorise(K).solve(tangent.space.random(2), 1e-8)
     if solution.outcome is not Outcome.SOLVED:

@@ -21,8 +21,8 @@ system = System(
 )
 result = solve_static(system, 2, solver="block-jacobi-cg", rtol=1e-10, quiet=True)
 space = system.space
-tip = space.least(float(result.u[2::3].min()))  # lowest displacement along z of all ranks [m]
-gathered = space.comm.gather((part.element_numbers, result.state["von_mises_stress"]))  # None on other ranks than the first
+tip = space.comm.least(float(result.u[2::3].min()))  # lowest displacement along z of all ranks [m]
+gathered = space.comm.mpi.gather((part.element_numbers, result.state["von_mises_stress"]))  # None on other ranks than the first
 
 
 def picture():

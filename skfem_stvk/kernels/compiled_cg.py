@@ -320,43 +320,6 @@ def iterate(
 
 
 @kernel
-def update_and_multiply(
-    edges: Ids,
-    blocks: Reals,
-    diagonal: Reals,
-    grounded: Ids,
-    ground: Reals,
-    constrained: Ids,
-    beta: float,
-    s: Reals,
-    p: Reals,
-    q: Reals,
-) -> None:
-    """Update the search direction, `p = s + beta p`, and write `A p` to `q`, with zeros at constrained components."""
-    for i in range(len(p)):
-        p[uint64(i)] = s[uint64(i)] + beta * p[uint64(i)]
-    _multiply(edges, blocks, diagonal, grounded, ground, constrained, p, q)
-
-
-@kernel
-def step_and_precondition(
-    begin: int, end: int, alpha: float, inverse: Reals, p: Reals, q: Reals, x: Reals, r: Reals, s: Reals
-) -> tuple[float, float]:
-    """Update `x += alpha p`, `r -= alpha q` and `s = D^-1 r` in some block rows; return their contributions to `r'r` and `r's`."""
-    square = product = 0.0
-    for i in range(begin, end):
-        a = uint64(3) * uint64(i)
-        for c in range(3):
-            k = a + uint64(c)
-            x[k] += alpha * p[k]
-            r[k] -= alpha * q[k]
-            square += r[k] * r[k]
-        s[a], s[a + uint64(1)], s[a + uint64(2)] = _times(inverse, uint64(9) * uint64(i), r[a], r[a + uint64(1)], r[a + uint64(2)])
-        product += r[a] * s[a] + r[a + uint64(1)] * s[a + uint64(1)] + r[a + uint64(2)] * s[a + uint64(2)]
-    return square, product
-
-
-@kernel
 def shifted_diagonal(
     edges: Ids,
     blocks: Reals,

@@ -18,7 +18,6 @@ from ..space import Space
 from .block_matrices import BlockStructure, VertexRows
 from .cg import MAX_ITERATIONS, EdgeCg, EdgeFactors, conjugate_gradients
 from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
-from .part_cg import PartCg
 from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns, Vector
 
 
@@ -91,7 +90,6 @@ class BlockJacobiAnalysis:
         self._row, self._component = row.ravel(), unknowns.component
         self.unknown_indices = 3 * self._row + self._component
         self._edges: NDArray[np.integer[Any]] | None = None
-        self._nodes = np.empty((0, 2), dtype=np.int32)  # of the edges of a part of a divided body
         self._search: EdgeCg | None = None
 
     @locked
@@ -101,8 +99,6 @@ class BlockJacobiAnalysis:
         if not hasattr(K, "matvec") or not hasattr(K, "diagonal_blocks"):
             raise StvkError(f"K = {shown(K)}; '{self._solver.name}' expects an operator with matvec(v) and diagonal_blocks().")
         by_edges = K.by_edges() if hasattr(K, "by_edges") else None
-        if by_edges is not None and by_edges.space is not None:
-            return EdgeFactors(self._search_in_part(K, by_edges, by_edges.space), self.n, self._latest)
         search = None if by_edges is None else self._search_on(by_edges)
         if by_edges is not None and search is not None:
             search.shift(by_edges)
@@ -112,15 +108,7 @@ class BlockJacobiAnalysis:
     def _inverse_of(self, K: Operator) -> Vector:
         """Return `_inverted` of the diagonal blocks of K, which are finite in all parts of a divided body."""
         diagonal, space = np.asarray(K.diagonal_blocks()), getattr(K, "space", Space(self.n))
-        return space.together(self._inverted, diagonal)
-
-    def _search_in_part(self, K: Operator, edges: EdgeBlocks, space: Space) -> PartCg:
-        """Return conjugate gradients on the edges of one part of a divided body."""
-        inverse = np.zeros((space.n // 3, 9))
-        inverse[self._vertices] = self._inverse_of(K).reshape(-1, 9)
-        if self._edges is not edges.edges:
-            self._edges, self._nodes = edges.edges, edges.vertices[edges.edges].astype(np.int32)
-        return PartCg(self._nodes, edges, inverse.ravel(), 3 * self._unknowns.vertex.astype(np.int64) + self._component, space)
+        return space.comm.together(self._inverted, diagonal)
 
     def _search_on(self, K: EdgeBlocks) -> EdgeCg | None:
         """Return the compiled loop on these edges, and store it. Return None if a vertex with unknowns has no edge."""

@@ -150,9 +150,9 @@ class _Search:
             return Outcome.NEGATIVE_CURVATURE if np.isfinite(curvature) else Outcome.NOT_FINITE
         np.copyto(self._before, self._r)
         self._rho, square = rho, self._sum(run(products.step, self._parts, rho / curvature, self._p, q, self._x, self._r))
-        if self.space.divided:
+        if self.space.comm.divided:
             z = self._precondition(self._r)
-            square, rho, of_before = self.space.total(np.array([square, self._part(z, self._r), self._part(z, self._before)]))
+            square, rho, of_before = self.space.comm.total(np.array([square, self._part(z, self._r), self._part(z, self._before)]))
             self._next = z, float(rho), float(of_before)
         self.norm = float(np.sqrt(square))
         self.iterations += 1
@@ -164,7 +164,7 @@ class _Search:
         return z, self._dot(z, self._r), self._dot(z, self._before) if self._rho else 0.0
 
     def _dot(self, x: Vector, y: Vector) -> float:
-        return self.space.total(self._part(x, y))
+        return self.space.comm.total(self._part(x, y))
 
     def _part(self, x: Vector, y: Vector) -> float:
         """Return the contribution of this part of the body to `x'y`."""
@@ -298,22 +298,12 @@ def _sorting(edges: Ids) -> Ids | None:
     return order if (np.diff(order) != 1).any() else None
 
 
-class EdgeSolves(Protocol):
-    """Conjugate gradients on blocks of edges: those of a whole body, or of one part (`part_cg`)."""
-
-    def solve(self, b: Vector, rtol: float, max_iterations: int, x0: Vector | None, out: Vector | None) -> Solution:
-        """Solve from `x0` or from zero, and write x to `out` if there is a place for it."""
-
-    def precondition(self, r: Vector) -> Vector:
-        """Return the preconditioned residual `M^-1 r` (n,)."""
-
-
 class EdgeFactors:
     """Preconditioner of one matrix, in the arrays of its analysis."""
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, search: EdgeSolves, n: int, latest: LatestFactors) -> None:
+    def __init__(self, search: EdgeCg, n: int, latest: LatestFactors) -> None:
         self._search, self._n = search, n
         self._latest, self._number = latest, latest.next()
 

@@ -80,7 +80,7 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
             f"K has {K.nnz} values in another structure; expected {analysed}. Keep the zeros of K, or call analyse() again."
         )
     values = np.ascontiguousarray(K.data, dtype=np.float64)
-    (unknowns.space or Space(n)).together(_refuse_infinite, values)
+    (unknowns.space or Space(n)).comm.together(_refuse_infinite, values)
     return values
 
 

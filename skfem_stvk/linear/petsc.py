@@ -126,8 +126,10 @@ class PetscAnalysis:
         self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
         self._lock, self._space = self._latest.lock, unknowns.space or Space(unknowns.n)
         self._rows = rows = BlockRows(unknowns, self._space)
-        self._comm, one = self._space.comm or PETSc.COMM_SELF, PETSc.COMM_SELF
-        check_range(max(self._space.total(float(rows.own.size)), self._space.most(float(rows.values.size))), PETSc.IntType)
+        self._comm, one = self._space.comm.mpi or PETSc.COMM_SELF, PETSc.COMM_SELF
+        check_range(
+            max(self._space.comm.total(float(rows.own.size)), self._space.comm.most(float(rows.values.size))), PETSc.IntType
+        )
         dofs = (rows.d * rows.numbers[:, None] + np.arange(rows.d)).ravel().astype(PETSc.IntType)
         numbers, size = PETSc.LGMap().create(dofs[:: rows.d] // rows.d, bsize=rows.d, comm=self._comm), (rows.own.size, None)
         self._sum = PETSc.Mat().createIS((size, size), numbers, numbers, comm=self._comm)
@@ -182,7 +184,9 @@ class PetscAnalysis:
         for row in range(begin, end):
             columns, values = coarsest.getRow(row)
             rows[row, columns] = values
-        return bool(np.linalg.eigvalsh(self._space.total(rows))[0] < -ROUNDING * self.matrix.norm(self._petsc.NormType.INFINITY))
+        return bool(
+            np.linalg.eigvalsh(self._space.comm.total(rows))[0] < -ROUNDING * self.matrix.norm(self._petsc.NormType.INFINITY)
+        )
 
     def _convert(self, kind: Kind) -> None:
         """Set the values of the matrix of all ranks, and its properties."""
@@ -319,14 +323,14 @@ class BlockRows:
     """
 
     def __init__(self, unknowns: Unknowns, space: Space) -> None:
-        self.d = d = int(space.most(float(unknowns.component.max(initial=0)))) + 1
+        self.d = d = int(space.comm.most(float(unknowns.component.max(initial=0)))) + 1
         new = np.diff(unknowns.vertex, prepend=-1) != 0
         first, node = np.flatnonzero(new), np.cumsum(new) - 1
         self.dofs, self._n = d * node + unknowns.component, d * len(first)
         self._expand(*structure_of(unknowns))
         counts = space.counted(np.ones(unknowns.n)) > 0
         own, own_nodes = np.flatnonzero(counts[first]), counts[first]
-        start = 0 if space.comm is None else space.comm.scan(len(own)) - len(own)
+        start = 0 if space.comm.mpi is None else space.comm.mpi.scan(len(own)) - len(own)
         self.numbers = space.share(np.where(counts, start + (np.cumsum(own_nodes) - 1)[node], 0.0))[first].astype(np.int64)
         self.own = (d * own[:, None] + np.arange(d)).ravel()
 
@@ -365,7 +369,7 @@ class BlockRows:
 def orthonormal(modes: Vector, space: Space) -> Vector:
     """Return orthonormal vectors (n, r) with the same span, fewer if they are dependent."""
     own = space.counted(np.ones(len(modes)))[:, None] * modes
-    values, vectors = np.linalg.eigh(space.total(own.T @ modes))
+    values, vectors = np.linalg.eigh(space.comm.total(own.T @ modes))
     independent = values > DEPENDENT * values[-1]
     return np.asarray(modes @ (vectors[:, independent] / np.sqrt(values[independent])))
 

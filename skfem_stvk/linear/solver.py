@@ -161,9 +161,6 @@ class EdgeBlocks(NamedTuple):
         (n,) diagonal of all `S_a` for the unknowns; None means zero.
     grounded, ground
         (m,) block rows with blocks `G_a` (9 m,), such as those of contact; empty without any.
-    space
-        Space of the displacements of all vertices of a part of a divided body, which has further blocks in other parts; None for a
-        body that is not divided.
     """
 
     edges: NDArray[np.integer[Any]]
@@ -172,7 +169,6 @@ class EdgeBlocks(NamedTuple):
     shift: NDArray[np.floating[Any]] | None
     grounded: NDArray[np.integer[Any]] = NO_ROWS
     ground: NDArray[np.floating[Any]] = NO_BLOCKS
-    space: Space | None = None
 
 
 class Operator(Protocol):

@@ -189,15 +189,15 @@ class NearestNode(LocationShape):
     def holds(self, x: NDArray[np.float64], size: float, space: Space) -> NDArray[np.bool_]:
         distance = np.linalg.norm(x - np.array(self.point)[:, None], axis=0)
         node = int(np.argmin(distance))
-        nearest = space.least(float(distance[node]))
+        nearest = space.comm.least(float(distance[node]))
         if nearest > size:
-            _, there = min(space.broadcast(space.collect((float(distance[node]), x[:, node].tolist()))))
+            _, there = min(space.comm.broadcast(space.comm.collect((float(distance[node]), x[:, node].tolist()))))
             raise RegionError(
                 f"{self.words} is {nearest:.6g} away from it, at {_written(there)}, and the mesh is {size:.6g} large. "
                 "Is the point in the units of the mesh?"
             )
         numbers = np.where(distance == nearest, space.numbers[:: len(x)], space.count)
-        return np.asarray(numbers == space.least(float(numbers.min())))
+        return np.asarray(numbers == space.comm.least(float(numbers.min())))
 
 
 def _written(point: Any) -> str:
@@ -252,7 +252,7 @@ def vertices_at(mesh: LabelledMesh, where: Where, what: str = "The location") ->
                 "follow their order."
             )
         ids = mesh.local_nodes(ids)
-    if not mesh.space.any(len(ids) > 0):
+    if not mesh.space.comm.any(len(ids) > 0):
         raise RegionError(f"{what}: no {mesh.word} there. {describe(where)} is empty.")
     return ids
 
@@ -272,8 +272,8 @@ def facets_at(mesh: LabelledMesh, where: Where, what: str = "The location") -> N
     there = np.zeros(mesh.nv, dtype=bool)
     there[ids] = True
     facets = mesh.surface[:, there[mesh.surface].all(axis=0)]
-    if not mesh.space.any(facets.shape[1] > 0):
-        count = int(mesh.space.total(float(mesh.surface.shape[1])))
+    if not mesh.space.comm.any(facets.shape[1] > 0):
+        count = int(mesh.space.comm.total(float(mesh.surface.shape[1])))
         raise RegionError(
             f"{what}: {describe(where)} has {mesh.name_nodes(there)}, but none of the {count} boundary facets "
             f"has all its {mesh.words} there. Widen it; for forces on {mesh.words} there is NodalLoad."
@@ -319,7 +319,7 @@ def _named(mesh: LabelledMesh, name: str, what: str) -> NDArray[np.int64]:
     in_set = np.unique(_listed(mesh, mesh.node_sets[name], of_set, mesh.nv)) if name in mesh.node_sets else None
     if on_boundary is None or in_set is None:
         return in_set if on_boundary is None else on_boundary  # type: ignore[return-value]
-    if mesh.space.any(not np.array_equal(on_boundary, in_set)):
+    if mesh.space.comm.any(not np.array_equal(on_boundary, in_set)):
         counts = [mesh.space.few(np.isin(np.arange(mesh.nv), ids))[1] for ids in (on_boundary, in_set)]
         raise RegionError(
             f"{what}: {name!r} is the name of a boundary with {counts[0]} {mesh.words} and of a node set with {counts[1]} "
@@ -352,7 +352,7 @@ def checked_lines(mesh: LabelledMesh, name: str) -> NDArray[np.int32]:
 def _checked(mesh: LabelledMesh, value: Any, m: int, what: str, word: str) -> NDArray[np.int32]:
     """Return the nodes (m, n) of facets or segments, each once; refuse other arrays with a RegionError that begins with `what`."""
     ids = np.asarray(value)
-    if ids.ndim != 2 or len(ids) != m or not mesh.space.any(ids.size > 0) or ids.dtype.kind not in "iu":
+    if ids.ndim != 2 or len(ids) != m or not mesh.space.comm.any(ids.size > 0) or ids.dtype.kind not in "iu":
         raise RegionError(f"{what} has shape {ids.shape} and dtype {ids.dtype}; expected ({m}, n), n > 0: the nodes of {word}s.")
     if len(bad := np.flatnonzero(((ids < 0) | (ids >= mesh.nv)).any(axis=0))):
         raise RegionError(f"{what}: {name_ids(bad, word)} with {mesh.word} ids outside 0 ... {mesh.nv - 1}.")
@@ -377,7 +377,7 @@ def _satisfying(mesh: LabelledMesh, predicate: Callable[[Any], Any], what: str) 
             f"{what}: {describe(predicate)} returned shape {mask.shape} and dtype {mask.dtype}; expected a mask ({mesh.nv},), "
             f"True for the {mesh.words} that are meant, such as lambda x: x[0] == 0."
         )
-    if not mesh.space.any(bool(mask.any())):
+    if not mesh.space.comm.any(bool(mask.any())):
         nodes = f"{mesh.space.count // mesh.d} {mesh.words}"
         box = ", ".join(f"x[{i}] from {low:.9g} to {high:.9g}" for i, (low, high) in enumerate(mesh.bounds))
         if isinstance(predicate, LocationShape):

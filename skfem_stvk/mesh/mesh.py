@@ -417,6 +417,20 @@ class ElementMesh(LabelledMesh):
         """
         return ids
 
+    def ids_of_all(self, elements: NDArray[np.int64], most: int | None = None) -> NDArray[np.int64]:
+        """Return the numbers in the whole mesh of the elements that each part of a divided mesh names by its own ids, ascending.
+
+        Parameters
+        ----------
+        elements
+            Ids of elements of this part, ascending on one machine.
+        most
+            Return at most the first `most` numbers of a divided mesh.
+        """
+        if not self.space.comm.divided:
+            return elements
+        return np.unique(np.concatenate(self.space.comm.each(np.sort(self.element_numbers[elements])[:most])))[:most]
+
     def _node_ids(self) -> dict[str, NDArray[Any]]:
         """Return node sets as ids, from ids or masks."""
         return {name: vertices_at(self, np.asarray(ids), f"Node set {name!r}") for name, ids in self.node_sets.items() if len(ids)}
@@ -444,7 +458,7 @@ class ElementMesh(LabelledMesh):
         elif isinstance(region, Box):
             centres = self.p[:, self.corners].mean(axis=1)
             inside = np.flatnonzero(region.among(centres, float(self.extent.max()), self.space))
-            if not self.space.any(inside.size > 0):
+            if not self.space.comm.any(inside.size > 0):
                 extent = f"{self.bounds[:, 0]} to {self.bounds[:, 1]}"
                 raise RegionError(
                     f"The region is empty: no element has its centre in {describe(region)}. The mesh is from {extent}."

@@ -5,6 +5,7 @@ from typing import Any
 
 #: Module of each public name; a program imports MPI with the names that use it, and partition files need none.
 _MODULES = {
+    "DividedSpace": ".divided_space",
     "MeshPart": ".divided_mesh",
     "PartSizes": ".partition_files",
     "Ranks": ".divided_space",

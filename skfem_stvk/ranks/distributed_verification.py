@@ -41,18 +41,18 @@ def verify_on_ranks(system: System, mesh: Any, material: Any, **options: Any) ->
     StvkError
         if the mesh has more than 200 000 elements, or as in `verify`.
     """
-    space, count = system.space, int(system.space.total(float(system.mesh.nt)))
+    space, count = system.space, int(system.space.comm.total(float(system.mesh.nt)))
     if count > MOST_VERIFIED:
         raise StvkError(
             f"The mesh has {count} elements; expected at most {MOST_VERIFIED}: rank 0 gathers K and assembles it again. Verify the "
             "same model on a coarser mesh."
         )
-    if space.leads:
+    if space.comm.leads:
         try:
             return verify(mesh, material, candidate=_OfAllRanks(system), **options)
         finally:
-            space.broadcast(None)
-    while (request := space.broadcast(None)) is not None:
+            space.comm.broadcast(None)
+    while (request := space.comm.broadcast(None)) is not None:
         with suppress(StateError):  # which all ranks raise
             _evaluated(system, *request)
     return None
@@ -74,7 +74,7 @@ class _OfAllRanks:
         return self._of_all("tangent", u)
 
     def _of_all(self, name: str, u: Array) -> Any:
-        self._system.space.broadcast((name, u))
+        self._system.space.comm.broadcast((name, u))
         return _evaluated(self._system, name, u)
 
 
@@ -87,6 +87,6 @@ def _evaluated(system: System, name: str, u: Array) -> Any:
     if name == "internal_force":
         return gathered(space, found)
     K = found.tocoo()
-    parts = space.collect((space.numbers[K.row], space.numbers[K.col], K.data)) or [(K.row[:0], K.col[:0], K.data[:0])]
+    parts = space.comm.collect((space.numbers[K.row], space.numbers[K.col], K.data)) or [(K.row[:0], K.col[:0], K.data[:0])]
     rows, columns, values = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     return csr_matrix((values, (rows, columns)), shape=(space.count, space.count))

@@ -21,7 +21,7 @@ from ..mesh.facets import edges_of
 from ..mesh.locations import Box
 from ..mesh.read import is_partition
 from ..space import Space
-from .divided_space import Ranks
+from .divided_space import DividedSpace, Ranks
 from .job import on_each, on_first, refuse_unguarded, world
 from .mpi import MPI
 from .partition import Ids, PartContent, divide
@@ -39,7 +39,7 @@ class MeshPart(ElementMesh):
     Attributes
     ----------
     space
-        Space of the displacements, which combines the results of all ranks.
+        Space of the displacements; its communicator combines the results of all ranks.
     surface
         (m, n) facets of the surface of the whole body; facets between ranks are not among them.
     node_numbers, element_numbers
@@ -52,7 +52,7 @@ class MeshPart(ElementMesh):
         Numbers of the facets and segments of each name among those of the whole mesh.
     """
 
-    space: Ranks = field(kw_only=True)
+    space: DividedSpace = field(kw_only=True)
     surface: NDArray[np.int32] = field(kw_only=True)
     node_numbers: Ids = field(kw_only=True)
     element_numbers: Ids = field(kw_only=True)
@@ -93,7 +93,7 @@ class MeshPart(ElementMesh):
         neighbours = {}
         for rank in np.unique(part.shared[1]).tolist():
             neighbours[rank] = number[part.shared[0, part.shared[1] == rank]]
-        space = Ranks(comm, len(part.p), numbers, own, neighbours, part.element_numbers)
+        space = DividedSpace(Ranks(comm), len(part.p), numbers, own, neighbours)
         return cls(
             p=part.p[:, order],
             t=number[part.t],
@@ -107,7 +107,7 @@ class MeshPart(ElementMesh):
             node_numbers=numbers,
             element_numbers=part.element_numbers,
             bounds=part.bounds,
-            element_count=int(space.total(len(part.element_numbers))),
+            element_count=int(space.comm.total(len(part.element_numbers))),
             boundary_numbers=part.boundary_numbers,
             line_numbers=part.line_numbers,
         )
@@ -145,7 +145,7 @@ class MeshPart(ElementMesh):
         facet, numbers, count = named(element.facet), [np.empty(0, dtype=np.int64)], 0
         for own in map(self._numbers_of, simplices):
             numbers.append(count + own.astype(np.int64))
-            count += int(self.space.total(float(len(own))))
+            count += int(self.space.comm.total(float(len(own))))
         return replace(
             self,
             t=t,
@@ -162,11 +162,11 @@ class MeshPart(ElementMesh):
         """Return the numbers of this rank's simplices of a name, or of nodes of the whole mesh, among all of them."""
         if isinstance(simplices, str):
             return (self.boundary_numbers if self.k > 1 and simplices in self.boundaries else self.line_numbers)[simplices]
-        return np.flatnonzero(self._lowest_rank(_indices(self.node_numbers, np.asarray(simplices))) == self.space.rank)
+        return np.flatnonzero(self._lowest_rank(_indices(self.node_numbers, np.asarray(simplices))) == self.space.comm.rank)
 
     def _lowest_rank(self, own: Ids) -> Ids:
         """Return the lowest rank (nt,) that has all nodes of each element; `own` (n, nt) are indices on this rank, or -1."""
-        return self.space.least(np.where((own >= 0).all(axis=0), self.space.rank, self.space.size))
+        return self.space.comm.least(np.where((own >= 0).all(axis=0), self.space.comm.rank, self.space.comm.size))
 
     def local_cells(self, t: NDArray[np.int32], what: str) -> NDArray[np.int32]:
         """Return those of other elements `t` (n, nt), with the nodes of the whole mesh, that are on this rank, by its own nodes.
@@ -180,12 +180,12 @@ class MeshPart(ElementMesh):
         """
         own = _indices(self.node_numbers, t)
         rank = self._lowest_rank(own)
-        if len(bad := np.flatnonzero(rank == self.space.size)):
+        if len(bad := np.flatnonzero(rank == self.space.comm.size)):
             raise MeshError(
                 f"{what}: {name_ids(bad, 'element')} with nodes of which no rank has all; expected each on one rank. Name these "
                 "elements in mesh.lines or mesh.boundaries before the mesh is divided, and give the name: simplices='cables'."
             )
-        return own[:, rank == self.space.rank].astype(np.int32)
+        return own[:, rank == self.space.comm.rank].astype(np.int32)
 
     def with_degree(self, degree: int) -> ElementMesh:
         if degree == self.element.degree:
@@ -196,7 +196,7 @@ class MeshPart(ElementMesh):
         )
 
     def __repr__(self) -> str:
-        return f"{super().__repr__().replace('ElementMesh', 'MeshPart')}, on rank {self.space.rank} of {self.space.size}"
+        return f"{super().__repr__().replace('ElementMesh', 'MeshPart')}, on rank {self.space.comm.rank} of {self.space.comm.size}"
 
 
 def distribute(mesh: MeshLike | str | os.PathLike[str], comm: MPI.Comm | None = None, part_of: Any = None) -> MeshPart:
@@ -295,12 +295,12 @@ def gathered(space: Space, x: NDArray[np.float64]) -> NDArray[np.float64] | None
     x
         (n,) this rank's entries, or (nv,) numbers at its nodes.
     """
-    if not isinstance(space, Ranks):
+    if space.comm.mpi is None:
         return x
     each = space.n // len(x)
     own = np.concatenate([np.arange(slice_.start // each, slice_.stop // each) for slice_ in space.owned])
     numbers = space.numbers[::each][own] // each
-    parts = space.comm.gather((numbers, x[own]))
+    parts = space.comm.mpi.gather((numbers, x[own]))
     if parts is None:
         return None
     whole = np.empty(space.count // each)

@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast
 
 from .. import arguments
 from ..errors import StvkError
-from ..space import Space
+from ..space import Communicator
 
 Result = TypeVar("Result")
 
@@ -113,7 +113,7 @@ def try_to_write(folder: Path, name: str = "") -> None:
 
 
 @contextmanager
-def in_all_parts(space: Space) -> Iterator[None]:
+def in_all_parts(comm: Communicator) -> Iterator[None]:
     """Raise the error of the first part of a divided body whose block raises one, in all parts.
 
     The block is for one part: it does not combine results.
@@ -123,25 +123,25 @@ def in_all_parts(space: Space) -> Iterator[None]:
         yield
     except Exception as error:
         raised = error
-    errors = space.each(None if raised is None else (isinstance(raised, OSError), str(raised)))
+    errors = comm.each(None if raised is None else (isinstance(raised, OSError), str(raised)))
     first = next((rank for rank, error in enumerate(errors) if error is not None), None)
-    if first == space.rank and raised is not None:
+    if first == comm.rank and raised is not None:
         raise raised
     if first is not None:
         disk, text = cast(tuple[bool, str], errors[first])
         raise (WriteError if disk else StvkError)(text) from raised
 
 
-def of_leader(space: Space, work: Callable[[], Result]) -> Result:
+def of_leader(comm: Communicator, work: Callable[[], Result]) -> Result:
     """Return `work()` of the leading part of a divided body, in all parts, or raise its error in all of them.
 
     The leading part is the only one that writes files which all parts share, and the one to read them while they change.
     """
     found: Result | None = None
-    with in_all_parts(space):
-        if space.leads:
+    with in_all_parts(comm):
+        if comm.leads:
             found = work()
-    return cast(Result, space.each(found)[0])
+    return cast(Result, comm.each(found)[0])
 
 
 def _sync_folder(folder: Path) -> None:

@@ -264,7 +264,7 @@ def checked_state(state: Any) -> State:
 
 def whole_state(state: State) -> State:
     """Return the state; refuse one of a part of a divided body, of which there are no pictures."""
-    if state.fields.mesh.space.divided:
+    if state.fields.mesh.space.comm.divided:
         raise StvkError(
             "The state belongs to a part of a body; expected the whole body for a picture. Write its file, save='x.pvd', and read "
             "it on one machine: animate('x.pvd', ...), read_state('x.pvd', mesh) or ParaView."

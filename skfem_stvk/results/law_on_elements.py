@@ -35,6 +35,15 @@ def strain_and_stress(material: Material, hypothesis: Hypothesis, strain: Array,
     return (_condensed if hypothesis.condensed else _framed)(material.stiffness(), strain, rotation)
 
 
+def elasticity(material: Material, hypothesis: Hypothesis, frames: Array, k: int) -> Array:
+    """Return the elasticity tensors `C_MJNL` (n, k, k, k, k) [Pa] within elements, from the stress of each unit strain."""
+    C, units = np.zeros((len(frames), k, k, k, k)), np.eye(k * k).reshape(-1, k, k)
+    for unit in (units + np.swapaxes(units, 1, 2)) / 2:
+        stress = strain_and_stress(material, hypothesis, np.tile(unit, (len(frames), 1, 1)), frames)[1]
+        C += stress[:, :k, :k, None, None] * unit
+    return C
+
+
 def dilation(gradient: Array) -> Array:
     """Return `J - 1 = det(I + H) - 1` (n,) from displacement gradients `H` (n, k, k), without cancellation at small strain."""
     k, trace = gradient.shape[1], np.trace(gradient, axis1=1, axis2=2)

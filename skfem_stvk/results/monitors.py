@@ -15,8 +15,6 @@ from ..mesh import ElementMesh
 from ..system import System
 from ..system.bound import FLAT
 from ..terms import HasStress
-from .ellipticity import refuse_other_laws, without_ellipticity
-from .fields import Fields
 
 #: Poisson's ratio above which linear elements lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
 LOCKING, SOFTENING = 0.45, 3**-0.5
@@ -31,16 +29,15 @@ class Finding:
     Attributes
     ----------
     name
-        Name of the finding, "locking", "inside out", "compressed", "not elliptic", "deep contact", "wrong side", "thin shape",
+        Name of the finding, "locking", "inside out", "compressed", "deep contact", "wrong side", "thin shape",
         "short contact" or "lagging friction".
     elements
         (n,) ids of the elements in the whole mesh, ascending; none for a contact. If the body is divided, the first `FEW` of them:
         the text has their number.
     extreme
-        Most extreme value: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the smallest eigenvalue
-        of the acoustic tensor [Pa], the largest depth over the mean edge of the facets, the same of nodes, the thickness over the
-        edge of the smallest facet, the smallest number of steps that a contact lasts, the part of the largest friction that is
-        missing, in the order of the names.
+        Most extreme value: the largest Poisson's ratio, the smallest `J`, the smallest principal stretch, the largest
+        depth over the mean edge of the facets, the same of nodes, the thickness over the edge of the smallest facet, the smallest
+        number of steps that a contact lasts, the part of the largest friction that is missing, in the order of the names.
     text
         The fault, the elements or the contact, a location or a time, the consequence and the remedy.
     """
@@ -55,35 +52,31 @@ class Finding:
 
 
 class Monitors:
-    """Search for elements outside the range of the model; without `ellipticity` it costs about two forces per state.
+    """Search for elements outside the range of the model. It costs about two forces per state.
 
         locking         Poisson's ratio above 0.45 in solids and plane strain, where linear simplices, and boxes with more than one
                         point, are much too stiff; for anisotropic materials that of the Reuss averages,
                         `(3 K - 2 G)/(6 K + 2 G)`: the stress is the same in all directions
         inside out      J <= 1e-9, for elements that fill their space: inverted or flat, as in `System.inside_out`
         compressed      smallest principal stretch below 1/sqrt(3), where uniaxial compression has its limit point; at the points
-        not elliptic    strong ellipticity lost, on request: see `results.ellipticity`
 
     >>> import skfem
     >>> from skfem_stvk import StVK, System
     >>> mesh = skfem.MeshTet()
-    >>> monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=False)
+    >>> monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)))
     >>> [(finding.name, round(finding.extreme, 9)) for finding in monitors.at(-0.5 * mesh.p.ravel("F"))]
     [('compressed', 0.5)]
     """
 
-    def __init__(self, system: System, ellipticity: bool) -> None:
+    def __init__(self, system: System) -> None:
         self._system = system
-        self._fields = Fields.of(system) if ellipticity else None
-        if self._fields is not None:
-            refuse_other_laws(self._fields)
 
     def before(self) -> tuple[Finding, ...]:
         """Return the findings on elements and their materials, without a state.
 
         >>> import skfem
         >>> from skfem_stvk import StVK, System
-        >>> print(Monitors(System(skfem.MeshTet(), StVK(young=1.0, poisson=0.49)), ellipticity=False).before()[0].text)
+        >>> print(Monitors(System(skfem.MeshTet(), StVK(young=1.0, poisson=0.49))).before()[0].text)
         5 elements (0, 1, 2, 3, 4), the first at (0.25, 0.25, 0.25) at rest: Poisson's ratio above 0.45 (up to 0.49), ...
         """
         element = self._system.mesh.element
@@ -94,7 +87,7 @@ class Monitors:
             if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
                 elements = self._system.mesh.elements(term.region)
                 ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))
-        largest = self._system.space.most(float(ratio.max(initial=-1.0)))
+        largest = self._system.space.comm.most(float(ratio.max(initial=-1.0)))
         if largest <= LOCKING:
             return ()
         remedy = 'one point to an element (quadrature="one-point")' if element.shape.one_point else "quadratic elements (degree=2)"
@@ -120,16 +113,6 @@ class Monitors:
                 f"body softens. {self._compression_remedy()}"
             )
             yield from self._finding("compressed", system.compressed_here(u, SOFTENING), stretch, what)
-        if self._fields is not None:
-            here, values = without_ellipticity(self._fields.at(u).responses)
-            lowest = system.space.least(float(values.min(initial=np.inf)))
-            what = (
-                f"strong ellipticity lost (smallest eigenvalue of the acoustic tensor down to {lowest:.3g} "
-                f"{system.units.of('Pa')}): the "
-                "material may localise in bands as narrow as an element, so that further results depend on the mesh. Compare "
-                "with a finer mesh. This package has no material for such compression."
-            )
-            yield from self._finding("not elliptic", here, lowest, what)
 
     def _inversion_remedy(self) -> str:
         remedy = "" if self._system.resists_inversion else ", or add a VolumePenalty, which resists inversion"
@@ -145,8 +128,8 @@ class Monitors:
 
     def _finding(self, name: str, here: NDArray[np.int64], extreme: float, what: str) -> Iterator[Finding]:
         """Yield the finding on elements with the ids `here` in the parts of the body, if there are any."""
-        mesh, space = self._system.mesh, self._system.space
-        ids, count = space.element_ids(here, FEW), int(space.total(len(here)))
+        mesh = self._system.mesh
+        ids, count = mesh.ids_of_all(here, FEW), int(mesh.space.comm.total(len(here)))
         if count:
             where = point_of(mesh, ids[0])
             yield Finding(name, ids, extreme, f"{name_ids(ids, 'element', count=count)}, the first at {where} at rest: {what}")
@@ -162,7 +145,7 @@ def point_of(mesh: ElementMesh, element: int) -> str:
     centre = np.zeros(mesh.d)
     for here in mesh.local_elements(np.array([element])):  # none in other parts of a divided body
         centre += mesh.p[:, mesh.t[:, here]].mean(axis=1)
-    return f"({', '.join(f'{x:.4g}' for x in mesh.space.total(centre))})"
+    return f"({', '.join(f'{x:.4g}' for x in mesh.space.comm.total(centre))})"
 
 
 def poisson_of(material: Material) -> Array:

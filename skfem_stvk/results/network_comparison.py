@@ -145,7 +145,7 @@ def compare_networks(mesh: MeshLike, law: StVK, u: ArrayLike) -> NetworkComparis
     True
     """
     body = ElementMesh.of(mesh)
-    if body.space.divided:
+    if body.space.comm.divided:
         raise StvkError("mesh is a part of a divided body; expected a whole mesh: the comparison needs the whole stiffness.")
     if not hasattr(law, "coefficients"):
         raise StvkError(f"law = {shown(law)}; expected StVK(young=..., poisson=...).")

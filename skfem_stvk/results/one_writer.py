@@ -46,8 +46,8 @@ class OneWriter:
 
     def __enter__(self: Entered) -> Entered:
         try:
-            with in_all_parts(self.space):
-                if self.space.leads:
+            with in_all_parts(self.space.comm):
+                if self.space.comm.leads:
                     self._acquire()
             self._process = os.getpid()
             self.opened()

@@ -41,10 +41,10 @@ def write_grid(path: Path, mesh: meshio.Mesh, units: Mapping[str, str]) -> None:
 
 def write_pieces(path: Path, mesh: meshio.Mesh, space: Space, units: Mapping[str, str]) -> None:
     """Write the file of each part next to a .pvtu, and then the .pvtu. All parts call this function together."""
-    names = [f"{path.stem}_r{rank:04d}.vtu" for rank in range(space.size)]
-    with in_all_parts(space):
-        write_grid(path.with_name(names[space.rank]), mesh, units)
-    of_leader(space, lambda: _write_list(path, names, mesh))
+    names = [f"{path.stem}_r{rank:04d}.vtu" for rank in range(space.comm.size)]
+    with in_all_parts(space.comm):
+        write_grid(path.with_name(names[space.comm.rank]), mesh, units)
+    of_leader(space.comm, lambda: _write_list(path, names, mesh))
 
 
 def _write_list(path: Path, names: Sequence[str], mesh: meshio.Mesh) -> None:

@@ -102,7 +102,7 @@ def thumbnail(system: System, state: Callable[[], State]) -> str:
 
     Large meshes take longer, and so does the import of matplotlib.
     """
-    if "matplotlib" not in sys.modules or system.mesh.nt > MOST_ELEMENTS or system.space.divided:
+    if "matplotlib" not in sys.modules or system.mesh.nt > MOST_ELEMENTS or system.space.comm.divided:
         return ""
     from .matplotlib_plot import png
 

@@ -66,13 +66,13 @@ class Reaction:
         mesh = ElementMesh.of(mesh)
         ids = np.sort(vertices_at(mesh, vertices, "Reaction at vertices"))
         here = cls(ids, _nodal(forces, "forces", mesh)[ids], mesh.p.T[ids], _nodal(u, "u", mesh)[ids], units)
-        return here._of_all_parts(mesh) if mesh.space.divided else here
+        return here._of_all_parts(mesh) if mesh.space.comm.divided else here
 
     def _of_all_parts(self, mesh: ElementMesh) -> Reaction:
         """Return the forces on the nodes of all parts of a divided body, with ids of the whole mesh."""
         own = mesh.space.counted(np.ones(mesh.nv))[self.vertices] > 0
         values = np.stack([self.by_node, self.rest, self.u], axis=1)[own]
-        ids, values = mesh.space.gather(mesh.node_numbers[self.vertices[own]], values)
+        ids, values = mesh.space.comm.gather(mesh.node_numbers[self.vertices[own]], values)
         forces, rest, u = values.transpose(1, 0, 2)
         return Reaction(ids, forces, rest, u, self.units)
 
@@ -151,11 +151,11 @@ def constrained_vertices(system: System, where: Where | None, what: str = "react
     constrained = np.union1d(system.supports.held, system.grounded)
     vertices, space = np.unique(constrained // system.mesh.d).astype(np.int64), system.space
     if where is None:
-        if not space.any(len(vertices) > 0):
+        if not space.comm.any(len(vertices) > 0):
             raise SupportError(f"{what}: the body has no supports and no foundations, so it has no reactions.")
         return vertices
     vertices = np.intersect1d(vertices, vertices_at(system.mesh, where, what))
-    if not space.any(len(vertices) > 0):
+    if not space.comm.any(len(vertices) > 0):
         raise SupportError(
             f"{what}: no support and no foundation acts at {describe(where)}, so there is no reaction. Check the location."
         )
@@ -186,7 +186,7 @@ class ReactionPlace(NamedTuple):
         alike = support is not None or isinstance(where, str | tuple | LocationShape)
         for place, dofs in by_words.get(words, ()):
             own[dofs] += (alike or place is where) and np.isin(dofs // d, vertices).all()
-        if where is None or not system.space.any(bool(own.any())):
+        if where is None or not system.space.comm.any(bool(own.any())):
             return cls(vertices, np.ones((len(vertices), d)), "")
         return cls(vertices, (own / np.maximum(counts, 1)).reshape(-1, d)[vertices], words)
 

@@ -205,7 +205,7 @@ def _refuse_other(file: Path, read: meshio.Mesh, mesh: ElementMesh) -> None:
     if element.name != mesh.element.name:
         raise StvkError(f"{what}: it has {element.name}, this one {mesh.element.name}. {hint}")
     known = float(np.count_nonzero(np.isin(_rows(t), _rows(mesh.node_numbers[mesh.t]))))
-    if others := t.shape[1] - int(mesh.space.total(known)):
+    if others := t.shape[1] - int(mesh.space.comm.total(known)):
         raise StvkError(f"{what}: {others} of its {t.shape[1]} elements are not in this mesh. {hint}")
     _warn_of_lost(file, mesh.element_count - t.shape[1], mesh)
 

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..arguments import Array
 from ..npz import arrays_of
-from ..space import Space
+from ..space import ONE_PROCESS, Space
 from ..system.signature import Fingerprint, Signature
 from .complete_files import ForeignFile, in_all_parts, of_leader, replacing
 from .one_writer import OneWriter
@@ -83,7 +83,7 @@ class Store(Generic[OfHeader]):
 
         Raises ForeignFile if it is not one of this format; StvkError in all parts of a divided body if one part cannot read it.
         """
-        with in_all_parts(space or Space(0)):
+        with in_all_parts(ONE_PROCESS if space is None else space.comm):
             header, arrays = read_archive(file, cls.schema, cls.known, cls.remedy)
         return header, arrays if space is None else of_part(file, header, arrays, cls.by_dof, space, cls.remedy)
 
@@ -132,12 +132,12 @@ def _write_of_parts(
     """
     vectors = {name: array for name, array in arrays.items() if by_dof(name)}
     others, names = {name: array for name, array in arrays.items() if not by_dof(name)}, []
-    if space.divided:
-        stamp = space.each(secrets.token_hex(4))[0]
-        names = [f"rank{rank:04d}_{file.stem}_{stamp}.npz" for rank in range(space.size)]
-        with in_all_parts(space):
+    if space.comm.divided:
+        stamp = space.comm.each(secrets.token_hex(4))[0]
+        names = [f"rank{rank:04d}_{file.stem}_{stamp}.npz" for rank in range(space.comm.size)]
+        with in_all_parts(space.comm):
             part = {NUMBERS: space.numbers, **vectors}
-            write_archive(file.with_name(names[space.rank]), {"format": PART[0], "version": PART[1]}, part)
+            write_archive(file.with_name(names[space.comm.rank]), {"format": PART[0], "version": PART[1]}, part)
         header = {**header, "parts": names}
     else:
         others |= {name: _in_order(array, space) for name, array in vectors.items()}
@@ -146,7 +146,7 @@ def _write_of_parts(
         write_archive(file, header, others)
         _remove_parts(file, names)
 
-    of_leader(space, finish)
+    of_leader(space.comm, finish)
 
 
 def _in_order(array: Array, space: Space) -> Array:
@@ -179,14 +179,14 @@ def of_part(
     found = dict(arrays) | {name: arrays[name][..., space.numbers] for name in whole}
     order = np.argsort(space.numbers)
     ascending = space.numbers[order]
-    for begin in range(0, len(header.parts), space.size):
-        names = header.parts[begin : begin + space.size]
-        with in_all_parts(space):
-            own = _vectors_of_part(file, names[space.rank], by_dof, remedy) if space.rank < len(names) else None
-        if len(header.parts) == space.size and not space.any(own is None or not np.array_equal(own[0], space.numbers)):
+    for begin in range(0, len(header.parts), space.comm.size):
+        names = header.parts[begin : begin + space.comm.size]
+        with in_all_parts(space.comm):
+            own = _vectors_of_part(file, names[space.comm.rank], by_dof, remedy) if space.comm.rank < len(names) else None
+        if len(header.parts) == space.comm.size and not space.comm.any(own is None or not np.array_equal(own[0], space.numbers)):
             return found | (own[1] if own else {})
         for turn in range(len(names)):
-            numbers, vectors = cast(OfPart, space.each(own if turn == space.rank else None)[turn])
+            numbers, vectors = cast(OfPart, space.comm.each(own if turn == space.comm.rank else None)[turn])
             index = np.minimum(np.searchsorted(ascending, numbers), len(order) - 1)
             here = ascending[index] == numbers
             for one, values in vectors.items():

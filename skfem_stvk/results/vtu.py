@@ -68,11 +68,11 @@ def write_vtu(path: str | os.PathLike[str], state: State, fields: Sequence[str] 
         for an unknown field, or a path that cannot be written, before any work.
     """
     wanted, space = find_all(fields), checked_state(state).fields.mesh.space
-    path = output_path(path, ".pvtu" if space.divided else ".vtu")
+    path = output_path(path, ".pvtu" if space.comm.divided else ".vtu")
     mesh, system = _with_fields(state, wanted), state.fields.units
     units = {"Points": "m"} | NODAL | {field.name: field.unit for field in wanted if field.unit != "-"}
     units = {name: system.of(unit) for name, unit in units.items()}
-    if space.divided:
+    if space.comm.divided:
         write_pieces(path, mesh, space, units)
     else:
         write_grid(path, mesh, units)
@@ -101,7 +101,7 @@ def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
     import meshio
 
     mesh, kinds = state.fields.mesh, [(body_state, ~body_state.fields.removed) for body_state in (state, *state.beside)]
-    with in_all_parts(mesh.space):
+    with in_all_parts(mesh.space.comm):
         parts = [_by_cell(body_state, fields) for body_state, _ in kinds]
     points: Arrays = {}
     for name, values in state.nodal.items():
@@ -115,19 +115,19 @@ def _with_fields(state: State, fields: Sequence[Field]) -> meshio.Mesh:
             part[name][present] if name in part else np.zeros((np.count_nonzero(present), *values.shape[1:]), dtype=values.dtype)
             for part, (_, present) in zip(parts, kinds, strict=True)
         ]
-    if mesh.space.divided or not np.array_equal(mesh.node_numbers, np.arange(mesh.nv)):
+    if mesh.space.comm.divided or not np.array_equal(mesh.node_numbers, np.arange(mesh.nv)):
         points |= {name: np.zeros(mesh.nv, dtype=np.uint8) for name in _masks_elsewhere(points, mesh.space)}
         for name in _masks_elsewhere(cells, mesh.space):
             cells[name] = [np.zeros(len(t), dtype=np.uint8) for _, t in elements]
         points[NODES] = mesh.node_numbers
         cells[ELEMENTS] = [body_state.fields.mesh.element_numbers[present] for body_state, present in kinds]
-        cells[RANK] = [np.full(len(t), mesh.space.rank, dtype=np.int32) for _, t in elements]
+        cells[RANK] = [np.full(len(t), mesh.space.comm.rank, dtype=np.int32) for _, t in elements]
     return meshio.Mesh(in_space(mesh.p.T), elements, points, cells)
 
 
 def _masks_elsewhere(names: Iterable[str], space: Space) -> list[str]:
     """Return the names of masks of missing values that only other parts of a divided body have."""
-    every = space.each([name for name in names if name.endswith(MISSING)])
+    every = space.comm.each([name for name in names if name.endswith(MISSING)])
     return sorted({name for found in every for name in found}.difference(names))
 
 
@@ -144,7 +144,7 @@ def _at_nodes(state: State, name: str) -> Array:
     values = state.at_nodes(name)
     for other in state.beside:
         missing = np.ma.getmaskarray(values)
-        if state.fields.mesh.space.any(bool(missing.any())):
+        if state.fields.mesh.space.comm.any(bool(missing.any())):
             values = np.ma.where(missing, other.at_nodes(name), values)
     return values
 
@@ -235,7 +235,7 @@ def write_mesh(path: str | os.PathLike[str], mesh: ElementMesh) -> Path:
     path = output_path(path, ".vtu")
     if not isinstance(mesh, ElementMesh):
         raise MeshError(f"mesh = {shown(mesh)}; expected an ElementMesh: ElementMesh.of(mesh) makes one.")
-    if mesh.space.divided:
+    if mesh.space.comm.divided:
         raise MeshError(f"mesh = {mesh!r}; expected a whole mesh. Write the mesh that was distributed.")
     of_groups = [np.ravel(ids) for groups in (mesh.boundaries, mesh.lines) if mesh.element.degree == 1 for ids in groups.values()]
     if len(unused := np.setdiff1d(np.arange(mesh.nv), np.concatenate([mesh.t.ravel(), *of_groups]))):

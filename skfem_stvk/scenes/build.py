@@ -21,8 +21,6 @@ from ..errors import RegionError, StvkError, name_known
 from ..mesh import ElementMesh
 from ..mesh.locations import Box, Where, vertices_at
 from ..mesh.read import is_partition
-from ..results import Fields
-from ..results.ellipticity import refuse_other_laws
 from ..results.state_files import read_state
 from ..results.table import find
 from ..solvers.dynamics import Integrator
@@ -42,7 +40,6 @@ from .schema.quantities import input_files
 from .schema.sections import Expectation, Prescribed
 from .schema.terms import given_by, in_elements, in_time
 from .source import SceneSource
-from .syntax import Loc
 
 _LAST = ("energy.strain", "displacement.largest", "stress.largest", "volume_ratio.smallest", "steps")
 #: Results of a motion, by their columns in its energy ledger.
@@ -394,7 +391,6 @@ def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built
     complaints.refuse()
     assert system is not None
     _check_energies(complaints, sections, system)
-    _check_ellipticity(complaints, sections, system)
     probes, reactions = ({}, {})  # type: dict[str, Where], dict[str, Where]
     for table, found in (("probes", probes), ("reactions", reactions)):
         for name, place in getattr(sections.output, table).items():
@@ -406,7 +402,7 @@ def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built
     u0 = v0 = None
     if sections.initial.file is not None:
         with complaints.at("initial", "file"):
-            if mesh.space.divided:
+            if mesh.space.comm.divided:
                 raise StvkError("is not available on several ranks; remove it, or solve the scene on one machine.")
             u0, v0 = read_state(source.folder / sections.initial.file, mesh, sections.initial.at)
     if sections.initial.velocity is not None:
@@ -450,16 +446,6 @@ def _check_energies(complaints: Complaints, sections: SceneTables, system: Syste
         if ".".join(loc) in OF_ENERGY:
             names = ", ".join(system.without_energy)
             complaints.add(("expect", *loc), f"does not exist: {names} has no energy; expect displacements or forces instead")
-
-
-def _check_ellipticity(complaints: Complaints, sections: SceneTables, system: System) -> None:
-    """Complain about checks and fields of strong ellipticity that the laws do not have."""
-    locs: list[Loc] = [("analysis", "ellipticity")] if getattr(sections.analysis, "ellipticity", False) else []
-    fields = sections.output.fields or ()
-    locs += [("output", "fields", number) for number, name in enumerate(fields) if name == "smallest_acoustic_eigenvalue"]
-    for loc in locs:
-        with complaints.at(*loc):
-            refuse_other_laws(Fields.of(system))
 
 
 def _check_poisson(complaints: Complaints, names: Names, term: Any, law: Any) -> None:
@@ -524,7 +510,7 @@ def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any], u
     try:
         yield
     except StvkError:
-        if mesh.space.divided:  # other ranks may not have the error, and would not take part
+        if mesh.space.comm.divided:  # other ranks may not have the error, and would not take part
             raise
         found = False
         body = Body(mesh, [term for term in terms if not is_load(term)])

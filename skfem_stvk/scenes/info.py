@@ -16,7 +16,6 @@ from scipy.linalg import eigh
 from scipy.spatial import cKDTree
 
 from ..arguments import Array, choice
-from ..edges.materials import Isotropic
 from ..errors import MaterialError, Remark, StvkError, StvkWarning, name_ids
 from ..kernels.threads import threads
 from ..linear.choose import choose, why
@@ -32,14 +31,11 @@ from ..system.free_tangent import entries_of, kind_of, with_loads
 from ..system.rigid import free_rigid_modes
 from ..terminal import grid, printable
 from ..terms import StVK
-from ..units import UNITS
+from ..units import UNITS, implausible_moduli
 from .build import Built
 from .run_scene import on_threads
 from .scene import Scene
-from .scene_units import implausible
-from .schema import SceneTables
 from .schema.analyses import DynamicAnalysis
-from .schema.terms import material_table
 
 #: Bodies with more rigid motions than this, such as bodies in many pieces, get no eigenfrequencies.
 MOST_FREE_MOTIONS = 60
@@ -186,12 +182,9 @@ def inspect_mesh(
     """
     found = Inspection(choice("units", units, UNITS))
     _mesh(found, mesh)
-    constants: dict[str, Any] = {name: value for name, value in (("young", young), ("density", density)) if value is not None}
     with found.part("units"):
-        model = material_table("isotropic", Isotropic)
-        given = SceneTables.model_construct(units=units, materials={"given": model.model_construct(**constants)})
-        for text in implausible(given, mesh):
-            found.remark("implausible", text.replace("materials.given.", "--"))
+        for text in implausible_moduli({"--young": young}, UNITS[units], float(mesh.extent.max())):
+            found.remark("implausible", text)
     if young is None:
         found.remark("material", "Without a material only the mesh is inspected; add --young, --poisson and --density.")
     elif not found.refused:
@@ -212,7 +205,7 @@ def inspect_scene(scene: Scene) -> Inspection:
         mesh = sections.mesh.mesh(scene.source.folder) if built is None else built.mesh
         _mesh(found, mesh, () if built is None else [body.mesh for body in built.system.body.beside])
     with found.part("units"):
-        for text in implausible(sections, mesh):
+        for text in sections.implausible(0.0 if mesh is None else float(mesh.extent.max())):
             found.remark("implausible", text)
     if built is not None:
         materials = [getattr(term, "material", None) for term in sections.terms]

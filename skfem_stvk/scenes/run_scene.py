@@ -21,6 +21,7 @@ from ..solvers.dynamics import Modes, Run, SimulationError, modes, simulate
 from ..solvers.dynamics.loop import REPORTED
 from ..solvers.newton.outcome import Interrupted, finishing_steps
 from ..solvers.statics import SolveError, StaticResult, solve_static
+from ..system.divided import parts_line
 from .build import ENERGIES, Built, expectations
 from .complaints import Complaints
 from .folder import Folder
@@ -80,7 +81,7 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         seconds=time.perf_counter() - begin,
         folder=None if folder is None else folder.path,
         warnings=tuple(warned),
-        ranks=built.system.space.parts.lstrip(),
+        ranks=parts_line(built.mesh).lstrip(),
     )
 
 
@@ -124,7 +125,6 @@ def _run_analysis(built: Built, folder: Folder | None, quiet: bool) -> StaticRes
             u0=built.u0,
             t0=initial.t0,
             stability=analysis.stability,
-            ellipticity=analysis.ellipticity,
             quiet=quiet,
             raise_on_failure=False,
             **files,
@@ -199,13 +199,13 @@ def _curves(built: Built, result: StaticResult | Run) -> dict[str, Curve]:
     counted = space.counted(np.ones(built.mesh.nv))
 
     def total(values: Array, weights: Array) -> Array:
-        return space.total((weights[:, None] * values).sum(axis=0))
+        return space.comm.total((weights[:, None] * values).sum(axis=0))
 
     curves = {}
     for name, where in built.probes.items():
         at = vertices_at(built.mesh, where, name)
         weights = counted[at]
-        count = space.total(float(weights.sum()))
+        count = space.comm.total(float(weights.sum()))
         curves[name] = Curve(t, np.array([total(u.reshape(-1, d)[at], weights) / count for _, u in states]), "length")
     if built.reactions:
         forces = [ground_forces_at_rest(built.system, u, one, result.projected) for one, u in states]

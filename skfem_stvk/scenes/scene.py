@@ -26,7 +26,6 @@ from .folder import RESOLVED, Folder, PreviousRun, hash_of
 from .run_scene import RTOL, solve
 from .scene_outcome import SceneOutcome
 from .scene_report import write_report
-from .scene_units import implausible
 from .schema import SceneTables, scene_tables
 from .schema.analyses import options
 from .schema.quantities import input_files
@@ -157,8 +156,8 @@ class Scene:
         return _tables(self.sections)
 
     def implausible(self) -> list[str]:
-        """Return, in a sentence each, the values that are implausible in the scene's units, including the size of its mesh."""
-        return implausible(self.sections, self.built.mesh)
+        """Return, in a sentence each, the Young's moduli that are implausible in the scene's units."""
+        return self.sections.implausible(float(self.built.mesh.extent.max()))
 
     def solve(
         self, out: str | os.PathLike[str] | None = None, *, resume: bool = False, force: bool = False, quiet: bool = False

@@ -360,7 +360,7 @@ def _built_facts(outcome: SceneOutcome) -> Iterator[tuple[str, str]]:
     yield "mesh", f"{mesh.element_count} {mesh.kind}, {system.space.count // mesh.d} nodes"
     if outcome.ranks:
         yield "ranks", outcome.ranks
-    if not system.space.divided:
+    if not system.space.comm.divided:
         yield "unknowns", f"{system.ndofs - held} free, {held} constrained"
     for number, term in enumerate(sections.terms):
         material = getattr(term, "material", None)

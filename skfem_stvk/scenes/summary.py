@@ -35,7 +35,7 @@ def largest_displacement(result: StaticResult | Run) -> LargestValue:
     lengths = np.linalg.norm(result.u.reshape(-1, mesh.d), axis=1)
     value, node = _largest(mesh, lengths, mesh.node_numbers)
     here, space = np.flatnonzero((mesh.node_numbers == node) & (mesh.space.counted(np.ones(mesh.nv)) > 0)), mesh.space
-    return LargestValue(value, f"node {node} at {_point(space.total(mesh.p[:, here].sum(axis=1)))}")
+    return LargestValue(value, f"node {node} at {_point(space.comm.total(mesh.p[:, here].sum(axis=1)))}")
 
 
 def largest_stress(result: StaticResult | Run) -> LargestValue | None:
@@ -57,8 +57,8 @@ def largest_stress(result: StaticResult | Run) -> LargestValue | None:
 
 def _largest(mesh: ElementMesh, values: Array, numbers: NDArray[np.int64]) -> tuple[float, int]:
     """Return the largest of the values of all ranks, and the number of its node or element."""
-    value = mesh.space.most(float(values.max(initial=-np.inf)))
-    return value, int(mesh.space.most(float(numbers[values == value].max(initial=-1))))
+    value = mesh.space.comm.most(float(values.max(initial=-np.inf)))
+    return value, int(mesh.space.comm.most(float(numbers[values == value].max(initial=-1))))
 
 
 def summary(
@@ -76,7 +76,7 @@ def summary(
     yield SummaryRow("largest displacement", f"{displacement.value:.6g} {units.symbol('length')}", displacement.where)
     if stress is not None:
         yield SummaryRow("largest von Mises stress", f"{stress.value:.6g} {units.symbol('stress')}", stress.where)
-    if built.system.space.any(built.system.supports.held.size > 0) and not getattr(result, "projected", False):
+    if built.system.space.comm.any(built.system.supports.held.size > 0) and not getattr(result, "projected", False):
         yield SummaryRow("reaction of all supports", f"{_vector(result.reaction().resultant)} {units.symbol('force')}")
     for name in built.reactions:
         yield SummaryRow(f"reaction of {name}", f"{_vector(curves[name].values[-1])} {units.symbol('force')}")

@@ -32,8 +32,8 @@ from .folder import CHECKPOINT, SUMMARY, Folder, hash_of, make, names_with, visi
 from .scene import Scene
 from .scene_outcome import as_printed
 from .scene_report import DOTS_PER_INCH, RESULTS
-from .scene_units import dimension_of, implausible
 from .schema import SceneTables
+from .schema.quantities import dimension_of
 from .source import Axis, SceneSource, axes_of, refuse_all
 from .syntax import Loc
 
@@ -163,7 +163,7 @@ def sweep(
         finished = f", {len(rows)} of them already done" if rows else ""
         suffix = f"; {jobs} at a time on {threads_per_run} thread{'s' * (threads_per_run > 1)} each" if missing else ""
         tell(f"{len(runs)} runs{finished}{suffix}")
-        for text, count in Counter(text for run in missing for text in implausible(run.scene.sections)).items():
+        for text, count in Counter(text for run in missing for text in run.scene.sections.implausible()).items():
             suffix = f" (in {count} of {len(missing)} runs)" if count < len(missing) else ""
             tell(f"{text}{suffix}", "[yellow]note[/] ")
         tasks = {_Task(Path(path), run.settings, folder / run.name, start[run.name] or "new"): run for run in missing}

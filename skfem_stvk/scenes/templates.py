@@ -13,9 +13,8 @@ from pydantic_core import PydanticUndefined
 from ..arguments import choice
 from ..terms.loads.rigid_shapes import SHAPES
 from ..units import UNITS, UnitSystem
-from .scene_units import dimension_of
 from .schema import scene_tables
-from .schema.quantities import bare, is_union, literals, members
+from .schema.quantities import bare, dimension_of, is_union, literals, members
 from .syntax import Loc, lines_of, parsed, value_text
 
 #: Column of the sentences after the values of examples.

@@ -61,7 +61,7 @@ class BoundTerms:
         self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
-        if mesh.space.divided:
+        if mesh.space.comm.divided:
             _refuse_not_additive(self.terms)
         self._of = tuple(number for number, term in zip(of, self.terms, strict=True) if not is_load(term))
         others = [Body(one, self._terms_on(number)) for number, one in enumerate(beside, start=1)]
@@ -81,7 +81,7 @@ class BoundTerms:
         for bound in self.bound_terms:
             self._used[bound.nodes_paired.ravel()] = True
         bare = self.space.share(self._used.astype(float)) == 0
-        if self.space.any(bool(bare.any())):
+        if self.space.comm.any(bool(bare.any())):
             warn(f"{mesh.name_nodes(bare)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     @property
@@ -270,7 +270,7 @@ class BoundTerms:
         StateError as in `energy`.
         """
         x = self._state(u)
-        return self.space.least(min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf))
+        return self.space.comm.least(min((term.smallest_volume_ratio(x) for _, term in self._with_volume), default=np.inf))
 
     def step_limit(self, u: ArrayLike, v: ArrayLike) -> float:
         """Return the smallest `s > 0` at which an element with `J > 0` at `u` becomes flat at `u + s v`; infinity if none does.
@@ -289,7 +289,7 @@ class BoundTerms:
         2.0
         """
         x, y = self._state(u), self._state(v, "v")
-        return self.space.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
+        return self.space.comm.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
 
     def contact_limit(self, u: ArrayLike, v: ArrayLike, t: Time = 0.0) -> tuple[float, str]:
         """Return the largest `s` up to which no contact is passed on the way `u + s v` at `t`, and its name; infinity and ""."""
@@ -323,7 +323,7 @@ class BoundTerms:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
         if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
-        return self.space.element_ids(self.inverted_here(u))
+        return self.mesh.ids_of_all(self.inverted_here(u))
 
     def inverted_here(self, u: ArrayLike) -> NDArray[np.int64]:
         """Return the ids of `inside_out` in this part of a divided body."""
@@ -340,14 +340,14 @@ class BoundTerms:
         """
         x = self._state(u)
         stretches = (term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch))
-        return self.space.least(min(stretches, default=np.inf))
+        return self.space.comm.least(min(stretches, default=np.inf))
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
 
         StateError as in `energy`.
         """
-        return self.space.element_ids(self.compressed_here(u, below))
+        return self.mesh.ids_of_all(self.compressed_here(u, below))
 
     def compressed_here(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Return the ids of `compressed` in this part of a divided body."""
@@ -377,7 +377,7 @@ class BoundTerms:
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Return displacements as (nv, d). All parts of a divided body call this method together."""
-        return self.space.together(by_vertex, self.mesh, u, name)
+        return self.space.comm.together(by_vertex, self.mesh, u, name)
 
 
 def _refuse_not_additive(terms: Sequence[Any]) -> None:

@@ -121,7 +121,7 @@ class FreeTangent:
 
         A start that violates the supports is an exception.
         """
-        return not self.space.any(self.system.supports.prescribed.size > 0)
+        return not self.space.comm.any(self.system.supports.prescribed.size > 0)
 
     def free_matrix(self, u: Array, t: Time, kept: Tensions = ALL, follows: bool = True) -> csr_matrix:
         """Return K as in `matrix`, over the free degrees of freedom; all of K is assembled only where it is needed."""
@@ -162,7 +162,7 @@ class FreeTangent:
         vertex = self.free.free // self.system.mesh.d
         largest = np.zeros(self.system.mesh.nv)
         np.maximum.at(largest, vertex, diagonal)
-        return SHIFT * np.where(largest > 0, largest, self.space.most(float(largest.max())))[vertex]
+        return SHIFT * np.where(largest > 0, largest, self.space.comm.most(float(largest.max())))[vertex]
 
     def add_shift(self, K: csr_matrix) -> None:
         """Add the `shift` to the diagonal of `K`. In a divided body, one part adds that of each degree of freedom."""
@@ -197,7 +197,7 @@ class FreeTangent:
 
     def force_of(self, w: Array) -> Array:
         """Return `K w` (n,) for displacements `w` (ndofs,) of constrained degrees of freedom, with the last K."""
-        if not self.space.any(bool(w.any())):
+        if not self.space.comm.any(bool(w.any())):
             return np.zeros(len(self.free.free))
         if self._free_arguments is not None and self._assembled_at is not None:
             self.matrix(self._assembled_at, *self._free_arguments)
@@ -232,8 +232,8 @@ class FreeTangent:
             return Kind.POSITIVE_DEFINITE if not exact and self.system.dead else self.kind
         if self._transposition is None:
             self._transposition = transposition(K)
-        skewed = self.space.most(float(np.abs(K.data - K.data[self._transposition]).max(initial=0.0)))
-        self.symmetric = skewed <= SYMMETRIC * self.space.most(float(np.abs(K.data).max(initial=0.0)))
+        skewed = self.space.comm.most(float(np.abs(K.data - K.data[self._transposition]).max(initial=0.0)))
+        self.symmetric = skewed <= SYMMETRIC * self.space.comm.most(float(np.abs(K.data).max(initial=0.0)))
         return Kind.SYMMETRIC if self.symmetric else Kind.GENERAL
 
 
@@ -256,7 +256,7 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
     if system.dead or not solver.matrix_free:
         return solver
     refuse_divided(
-        system.space,
+        system.space.comm,
         f"solver = '{solver.name}', which forms no matrix",
         "'petsc'",
         "a load depends on the displacements, and its stiffness requires a matrix.",
@@ -271,7 +271,7 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
 
 def solver_for(system: System, solver: str | LinearSolver, indefinite: bool = False) -> LinearSolver:
     """Return the requested linear solver, see `choose`, for the Jacobian over the free degrees of freedom of a system."""
-    if system.space.divided:
+    if system.space.comm.divided:
         return with_loads(choose(solver, system.space.count, kind_of(system), indefinite, divided=True), system)
     free = system.ndofs - len(system.supports.held)
     return with_loads(choose(solver, free, kind_of(system), indefinite, entries_of(system)), system)

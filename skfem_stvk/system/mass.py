@@ -98,7 +98,7 @@ class Mass(ABC):
     @property
     def total(self) -> float:
         """Mass of the body [kg]."""
-        return self._body.mesh.space.total(float(self.counted.sum()))
+        return self._body.mesh.space.comm.total(float(self.counted.sum()))
 
     @property
     @abstractmethod
@@ -165,12 +165,12 @@ class Mass(ABC):
 
     def _vector(self, name: str, value: Any) -> Array:
         """Return finite numbers (ndofs,) in double precision; in a divided body they may be infinite or NaN, as is the result."""
-        checked = vector if self._body.mesh.space.divided else finite_vector
+        checked = vector if self._body.mesh.space.comm.divided else finite_vector
         return checked(name, value, self.free.size).astype(np.float64, copy=False)
 
     def _refuse_bare(self) -> None:
         bare, mesh = (self.vertex <= 0) & self.free.any(axis=1), self._body.mesh
-        if mesh.space.any(bool(bare.any())):
+        if mesh.space.comm.any(bool(bare.any())):
             reason = "no element there has a density. Give StVK(..., density=...)"
             if any(getattr(term, "laws", None) == () for term in self._body.terms):
                 reason = "an EdgeNetwork(edges, L) has no elements. Make it by EdgeNetwork.of(mesh, StVK(..., density=...))"
@@ -228,7 +228,7 @@ class ConsistentMass(Mass):
             for one, heavy in zip(bodies, self._heavy, strict=True)
         ]
         space = body.mesh.space
-        self._bounds = space.least(min(low for low, _ in bounds)), space.most(max(high for _, high in bounds))
+        self._bounds = space.comm.least(min(low for low, _ in bounds)), space.comm.most(max(high for _, high in bounds))
         super().__init__(system, body, constrained)
 
     def _weigh(self) -> None:

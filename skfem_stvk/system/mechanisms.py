@@ -112,7 +112,7 @@ def check_held(
             + " A contact holds a body along its normals alone, and where it touches at the start; otherwise simulate the motion "
             "with damping." * (touching is not None)
         )
-    if mesh.k == mesh.d > 1 and space.any(bool(solid.any())):
+    if mesh.k == mesh.d > 1 and space.comm.any(bool(solid.any())):
         loose = mechanisms(
             mesh.p,
             mesh.t,
@@ -183,11 +183,11 @@ def mechanisms(
     nv, element, space = p.shape[1], element or linear_simplex(len(t) - 1), space or Space(p.size)
     nodes, solid_numbers = node_numbers(space, nv), solid if numbers is None else numbers[solid]
     own = np.ascontiguousarray(t if len(solid) == t.shape[1] else t[:, solid], dtype=np.int32)
-    piece = space.united(pieces(own, nv, element), solid_numbers, *_shared_facets(own, element, space.shared, nodes))
-    of_part = np.full(int(space.most(float(piece.max(initial=-1)))) + 1, -1.0)
+    piece = space.comm.united(pieces(own, nv, element), solid_numbers, *_shared_facets(own, element, space.shared, nodes))
+    of_part = np.full(int(space.comm.most(float(piece.max(initial=-1)))) + 1, -1.0)
     of_part[piece] = part[own[0]]
-    of_part = space.most(of_part).astype(np.int64)
-    several = np.bincount(of_part, minlength=int(space.most(float(part.max()))) + 1) > 1
+    of_part = space.comm.most(of_part).astype(np.int64)
+    several = np.bincount(of_part, minlength=int(space.comm.most(float(part.max()))) + 1) > 1
     if not several.any():
         return []
     corners = _corners(own, piece)
@@ -199,14 +199,14 @@ def mechanisms(
     number = _indices(np.arange(len(of_part)), chosen)
     corners = corners.among(number)
     centre, size, x = centred(p[:, corners.vertex], corners.piece, space)
-    supports = space.collect(list(_supports(corners, motions(x), constrained)))
-    elements = space.collect(_first_elements(number[piece], solid_numbers, len(chosen)))
+    supports = space.comm.collect(list(_supports(corners, motions(x), constrained)))
+    elements = space.comm.collect(_first_elements(number[piece], solid_numbers, len(chosen)))
     found: list[PartMotions] = []
-    if space.leads:
+    if space.comm.leads:
         joints = joints._replace(corners=joints.corners.among(number))
         found = _motions_of_pieces(joints, PieceShapes(centre, size, of_part[chosen]), supports, elements, word)
     mechanisms = []
-    for i, count, joints_only, shown, total in space.broadcast(found):
+    for i, count, joints_only, shown, total in space.comm.broadcast(found):
         if (others := count - (0 if joints_only else rigid.get(i, 0))) > 0:
             mechanisms.append(Mechanism(i, name_part(part, i, word, space), others, shown, total))
     return mechanisms
@@ -262,14 +262,14 @@ def _joints_of(
     joint[apart] = 1
     own = np.flatnonzero((space.share(joint)[corners.vertex] > 0) & several[part[corners.vertex]])
     vertex = corners.vertex[own]
-    gathered = space.collect((numbers[vertex], corners.piece[own], p[:, vertex], numbers[apart], part[apart[0]]))
+    gathered = space.comm.collect((numbers[vertex], corners.piece[own], p[:, vertex], numbers[apart], part[apart[0]]))
     joints, bridged = Joints(vertex[:0], p[:, :0], Corners(vertex[:0], vertex[:0])), None
     if gathered:
         number, piece, x, ends, of_ends = (np.concatenate(arrays, axis=-1) for arrays in zip(*gathered, strict=True))
         nodes, index, at = np.unique(number, return_index=True, return_inverse=True)
         joints = Joints(nodes, x[:, index], _corners(at[None], piece))
         bridged = np.unique(of_ends[_apart(joints.corners, _indices(ends, nodes), len(nodes))])
-    return joints, space.broadcast(bridged)
+    return joints, space.comm.broadcast(bridged)
 
 
 def _shared_facets(t: Ids, element: Element, shared: Ids, numbers: Ids) -> tuple[Ids, Ids]:

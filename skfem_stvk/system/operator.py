@@ -66,7 +66,7 @@ class TangentOperator(LinearOperator):
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that K overflows.
         """
-        energy = self.space.sum_of(self._compute_blocks, u, t, kept, force)
+        energy = self.space.comm.sum_of(self._compute_blocks, u, t, kept, force)
         self._at, self._ready = kept, True
         if force is not None:
             self.space.share(force)
@@ -155,20 +155,18 @@ class TangentOperator(LinearOperator):
     def by_edges(self, shift: Array | None = None) -> EdgeBlocks | None:
         """Return the blocks without a copy, for solvers with products of their own.
 
-        Return None unless the operator consists of one term on elements, and of terms that couple no other vertices. A divided
-        body must be in space, and have one term.
+        Return None unless the operator consists of one term on elements, and of terms that couple no other vertices, and for a
+        divided body.
 
         Errors as in `diagonal_blocks`.
         """
         self._refuse_unprepared()
-        pairs, *others = self._pairs
-        edges, vertices, divided = pairs.edges, pairs.own.vertices, self.space.divided
-        grounding = self._blocks_of_vertices(vertices)
-        if self.space.any(grounding is None or edges is None or (divided and (bool(others) or self._mesh.d < 3))):
+        pairs = self._pairs[0]
+        edges, vertices = pairs.edges, pairs.own.vertices
+        grounding = None if self.space.comm.divided else self._blocks_of_vertices(vertices)
+        if edges is None or grounding is None:
             return None
-        assert edges is not None and grounding is not None
-        space = self.space if divided else None
-        return EdgeBlocks(edges, self._blocks[0][: pairs.size], vertices, shift, *grounding, space)
+        return EdgeBlocks(edges, self._blocks[0][: pairs.size], vertices, shift, *grounding)
 
     def _blocks_of_vertices(self, vertices: Array) -> tuple[Array, Array] | None:
         """Return the rows and the blocks (9 m,) of the terms after the first one; None if they couple different vertices."""

@@ -203,7 +203,7 @@ class FreeDofs:
         is_free[ids.astype(np.int64)] = False
         self.free, self.fixed = np.flatnonzero(is_free), np.flatnonzero(~is_free)
         space: Space = getattr(system, "space", None) or Space(ndofs)
-        if not space.any(len(self.free) > 0):
+        if not space.comm.any(len(self.free) > 0):
             raise StvkError(f"All {space.count} degrees of freedom are fixed: there is nothing to solve for.")
         self._system = system
         self._known: tuple[Pattern, Structure, NDArray[np.int32]] | None = None

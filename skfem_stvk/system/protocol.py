@@ -34,5 +34,5 @@ def checked_whole(system: Any, analysis: str, name: str = "system") -> System:
     """Return the system as `checked_system` does; refuse a body that is divided into parts, for this `analysis`."""
     system = checked_system(system, name)
     factors = "it needs all elements, or factors of the whole K, which no part has."
-    refuse_divided(system.space, analysis, "a body on one machine", factors)
+    refuse_divided(system.space.comm, analysis, "a body on one machine", factors)
     return system

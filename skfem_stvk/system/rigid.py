@@ -35,14 +35,14 @@ def rigid_modes(x: Array, space: Space | None = None) -> Array:
     """
     space = space or Space(x.size)
     x = x - mean_of_nodes(x, space)
-    modes = motions(x / (space.most(float(np.linalg.norm(x, axis=1).max())) or 1.0))
+    modes = motions(x / (space.comm.most(float(np.linalg.norm(x, axis=1).max())) or 1.0))
     return modes.reshape(x.size, -1)
 
 
 def mean_of_nodes(x: Array, space: Space) -> Array:
     """Return the mean (d,) of values (nv, d) at all nodes of a body, whose displacements have the `space`."""
-    own = space.counted(np.ones(len(x)))[:, None] * x if space.divided else x
-    mean: Array = space.total(own.sum(axis=0)) / (space.count // x.shape[1])
+    own = space.counted(np.ones(len(x)))[:, None] * x if space.comm.divided else x
+    mean: Array = space.comm.total(own.sum(axis=0)) / (space.count // x.shape[1])
     return mean
 
 
@@ -85,7 +85,7 @@ def free_rigid_modes(
     modes = motions(x)
     vertex, component = np.divmod(np.unique(constrained).astype(np.int64), d)
     vertex, component = vertex[own[vertex] > 0], component[own[vertex] > 0]
-    resisted = space.total(_gram(modes[vertex, component][:, None], part[vertex], len(size)))
+    resisted = space.comm.total(_gram(modes[vertex, component][:, None], part[vertex], len(size)))
     if touching is not None:
         vertex, directions = touching
         resisted += _gram(np.einsum("mc,mcr->mr", directions, modes[vertex])[:, None], part[vertex], len(size))
@@ -93,7 +93,7 @@ def free_rigid_modes(
     loose = np.flatnonzero(lowest <= NOTHING * trace)
     if not len(loose):
         return []
-    moved = space.total(_gram(modes[own > 0], part[own > 0], len(size)))
+    moved = space.comm.total(_gram(modes[own > 0], part[own > 0], len(size)))
     free = {int(i): _free(resisted[i], moved[i]) for i in loose}
     return [
         FreeMotions(i, name_part(part, i, word, space), f.shape[1], names(f, d, centre[i], size[i]))
@@ -110,7 +110,7 @@ def parts_of(edges: Sequence[NDArray[np.int32]], nv: int, space: Space | None = 
     a, b = np.concatenate([np.empty((2, 0), dtype=np.int32), *edges], axis=1)
     part, space = linked(a, b, nv), space or Space(nv)
     numbers = node_numbers(space, nv)
-    return space.united(part, numbers, space.shared, numbers[space.shared][None])
+    return space.comm.united(part, numbers, space.shared, numbers[space.shared][None])
 
 
 def node_numbers(space: Space, nv: int) -> NDArray[np.int64]:
@@ -134,14 +134,14 @@ def centred(p: Array, part: NDArray[Any], space: Space, weights: Array | None = 
 
     Nodes have equal `weights` (nv,) by default. All parts of a divided body, which the `space` combines, count.
     """
-    n = int(space.most(float(part.max(initial=-1)))) + 1
+    n = int(space.comm.most(float(part.max(initial=-1)))) + 1
     weights = np.ones(len(part)) if weights is None else weights
-    count = space.total(np.bincount(part, weights=weights, minlength=n))
-    centre = np.stack([space.total(np.bincount(part, weights=weights * row, minlength=n)) / count for row in p])
+    count = space.comm.total(np.bincount(part, weights=weights, minlength=n))
+    centre = np.stack([space.comm.total(np.bincount(part, weights=weights * row, minlength=n)) / count for row in p])
     x = p - centre[:, part]
     size = np.zeros(len(count))
     np.maximum.at(size, part, np.linalg.norm(x, axis=0))
-    size = space.most(size)
+    size = space.comm.most(size)
     size[size == 0] = 1.0
     return centre.T, size, (x / size[part]).T
 

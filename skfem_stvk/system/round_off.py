@@ -28,7 +28,7 @@ def largest_error(system: System) -> Array:
             np.maximum.at(lengths, end, edges)
     blocks = system.linear_operator(np.zeros(system.ndofs)).diagonal_blocks()
     errors = MOST * np.abs(blocks).max(axis=(1, 2)) * lengths
-    return np.repeat(np.where(errors > 0, errors, system.space.most(float(errors.max(initial=0.0)))), d)
+    return np.repeat(np.where(errors > 0, errors, system.space.comm.most(float(errors.max(initial=0.0)))), d)
 
 
 def below(largest: Array, sums: Array) -> Array:

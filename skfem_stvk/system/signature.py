@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..errors import StvkError
 from ..mesh import ElementMesh
-from ..space import Space
+from ..space import ONE_PROCESS, Communicator, Space
 from ..terms.loads.load import Moment, Time
 from .rigid import mean_of_nodes
 from .system import System
@@ -115,7 +115,7 @@ class Fingerprint:
         u = (x @ (SHEAR * np.cos(np.arange(mesh.d**2).reshape(mesh.d, mesh.d)))).ravel()
         pressed = -COMPRESSED * x.ravel() + u
         own = space.counted(np.ones(space.n))[system.supports.held] > 0  # supports that count in this part of a divided body
-        held = space.gather(space.numbers[system.supports.held][own], np.empty(np.count_nonzero(own)))[0]
+        held = space.comm.gather(space.numbers[system.supports.held][own], np.empty(np.count_nonzero(own)))[0]
         numbers: dict[str, Any] = {
             "the mesh": mesh_numbers(mesh),
             "the elastic terms": [
@@ -128,7 +128,7 @@ class Fingerprint:
             every = [[body.mesh.element_count, *_sums_of_elements(body.mesh, mesh)] for body in system.body.beside]
             numbers["the elements beside the mesh"] = [value for values in every for value in values]
         if not mesh.element.is_linear_simplex:  # quadrature rules of other elements differ only if strain varies inside an element
-            bent = u + SHEAR * np.sin(x.ravel() / space.most(float(np.abs(x).max())))
+            bent = u + SHEAR * np.sin(x.ravel() / space.comm.most(float(np.abs(x).max())))
             numbers["the elastic terms"] += [_energy(system, bent), *sums_of(system.internal_force(bent), space)]
             numbers["the elements"] = [mesh.element.k, mesh.element.degree, not mesh.element.is_simplex]
         unit = " s" if self._kind == "motion" else ""
@@ -139,10 +139,10 @@ class Fingerprint:
                 numbers[f"the contacts at t = {t:g}{unit}"] = sums(
                     np.array([x for contact in system.contacts_at(moment) for x in contact.identity()])
                 )
-            prescribed = space.gather(space.numbers[system.supports.held][own], system.supports.values(moment)[own])[1]
+            prescribed = space.comm.gather(space.numbers[system.supports.held][own], system.supports.values(moment)[own])[1]
             numbers[f"prescribed displacements at t = {t:g}{unit}"] = sums(prescribed)
         if self._kind == "motion":
-            numbers["the masses"] = sums(system.mass().counted, mesh.node_numbers, space)
+            numbers["the masses"] = sums(system.mass().counted, mesh.node_numbers, space.comm)
         return {name: [float(value) for value in np.nan_to_num(values)] for name, values in numbers.items()} | self._start
 
 
@@ -151,37 +151,36 @@ def _energy(system: System, u: Array) -> float:
     return float(np.nansum(system.elastic_energies(u)))
 
 
-def sums(values: Array, numbers: NDArray[np.int64] | None = None, space: Space | None = None) -> list[float]:
+def sums(values: Array, numbers: NDArray[np.int64] | None = None, comm: Communicator = ONE_PROCESS) -> list[float]:
     """Return two finite numbers that change with each value, its sign and its index.
 
-    Neither is near zero by cancellation. In a divided body, the values of all parts of the `space` count, with their indices
-    `numbers` in an array of the whole body.
+    Neither is near zero by cancellation. In a divided body, the values of all parts count, with their indices `numbers` in an array of
+    the whole body.
     """
     weights = 1.5 + np.cos(np.arange(values.size) if numbers is None else numbers.ravel())
     with np.errstate(over="ignore", invalid="ignore"):
         size, balance = weights @ np.abs(values.ravel()), weights @ values.ravel()
-        if space is not None:
-            size, balance = space.total(np.array([size, balance]))
+        size, balance = comm.total(np.array([size, balance]))
         found: list[float] = np.nan_to_num([size, 2 + balance / size if size else 0.0]).tolist()
     return found
 
 
 def sums_of(x: Array, space: Space) -> list[float]:
     """Return `sums` of a vector of a space, the same for each division of a body."""
-    return sums(space.counted(x.ravel()), space.numbers, space)
+    return sums(space.counted(x.ravel()), space.numbers, space.comm)
 
 
 def mesh_numbers(mesh: ElementMesh) -> list[float]:
     """Return numbers that identify a mesh, the same for each division of it: of nodes, of elements, and `sums` of both."""
     own, count = mesh.space.counted(np.ones(mesh.nv)), mesh.space.count // mesh.d
-    of_nodes = sums(own * mesh.p, count * np.arange(mesh.d)[:, None] + mesh.node_numbers, mesh.space)
+    of_nodes = sums(own * mesh.p, count * np.arange(mesh.d)[:, None] + mesh.node_numbers, mesh.space.comm)
     return [count, mesh.element_count, *of_nodes, *_sums_of_elements(mesh, mesh)]
 
 
 def _sums_of_elements(elements: ElementMesh, mesh: ElementMesh) -> list[float]:
     """Return `sums` of the nodes of elements, on the nodes of a mesh."""
     numbers = elements.element_count * np.arange(len(elements.t))[:, None] + elements.element_numbers
-    return sums(mesh.node_numbers[elements.t], numbers, mesh.space)
+    return sums(mesh.node_numbers[elements.t], numbers, mesh.space.comm)
 
 
 def _words(value: Any) -> str:

@@ -89,12 +89,12 @@ class Supports:
         self._refuse_moved_twice(inputs, [dofs for dofs, _ in motions])
         letters = dict(entry for entry in entries if isinstance(entry[1], str))
         self.moved = {name: MovedLocation(letters[name], np.searchsorted(self.held, dofs)) for name, dofs in inputs.items()}
-        if not mesh.space.any(len(self.held) < mesh.p.size):
+        if not mesh.space.comm.any(len(self.held) < mesh.p.size):
             raise SupportError(f"All {mesh.space.count} degrees of freedom are fixed or prescribed: there is nothing to solve for.")
         self._motions = [(np.searchsorted(self.held, dofs), value) for dofs, value in motions]
         self.steady = all(value.constant is not None for _, value in self._motions)
         indices = np.concatenate([np.empty(0, dtype=np.int64), *(index.ravel() for index, _ in self._motions)])
-        self._twice = mesh.space.any(len(indices) > len(np.unique(indices)))
+        self._twice = mesh.space.comm.any(len(indices) > len(np.unique(indices)))
         for t in (0.0, 1 / 3, 1.0):
             self.values(t)
 
@@ -120,7 +120,7 @@ class Supports:
         """Return the degrees of freedom with displacements prescribed at a location, and the values by component and node."""
         what = f"prescribed on {describe(where)}"
         vertices, d = vertices_at(self._mesh, where, what), self._mesh.d
-        x, divided = self._mesh.p[:, vertices], self._mesh.space.divided
+        x, divided = self._mesh.p[:, vertices], self._mesh.space.comm.divided
         if callable(argument):
             return [(_dofs(vertices, range(d), d).reshape(-1, d).T, Value(argument, (d,), x, what, SupportError, divided=divided))]
         if not isinstance(argument, Mapping) or not argument:
@@ -152,7 +152,7 @@ class Supports:
         for name, dofs in inputs.items():
             twice = np.zeros(self._mesh.p.size, dtype=bool)
             twice[dofs[once[dofs]]] = True
-            if self._mesh.space.any(bool(twice.any())):
+            if self._mesh.space.comm.any(bool(twice.any())):
                 raise SupportError(
                     f"Prescribed twice, once as an input at {name!r}: {self._name(twice)}. Do locations share an edge or a corner? "
                     "Leave the component out of one of them."
@@ -162,7 +162,7 @@ class Supports:
     def _refuse_both(self) -> None:
         both = np.zeros(self._mesh.p.size, dtype=bool)
         both[np.intersect1d(self.fixed, self.prescribed)] = True
-        if self._mesh.space.any(bool(both.any())):
+        if self._mesh.space.comm.any(bool(both.any())):
             raise SupportError(
                 f"Both fixed and prescribed: {self._name(both)}. Do locations share an edge or a corner? Leave the component out "
                 "of one of them, or take the vertices out with a predicate."
@@ -170,7 +170,7 @@ class Supports:
 
     def _refuse_different(self, index: Dofs, one: NDArray[np.float64], other: NDArray[np.float64], moment: Moment) -> None:
         differ = np.abs(one - other) > 1e-12 * np.maximum(np.abs(one), np.abs(other))
-        if self._mesh.space.any(bool(differ.any())):
+        if self._mesh.space.comm.any(bool(differ.any())):
             bad = np.zeros(self._mesh.p.size, dtype=bool)
             bad[self.held[index[np.broadcast_to(differ, index.shape)]]] = True
             raise SupportError(
@@ -185,7 +185,7 @@ class Supports:
         return "; ".join(
             f"{letter} of {mesh.name_nodes(nodes)}"
             for letter, nodes in zip("xyz", chosen, strict=False)
-            if mesh.space.any(bool(nodes.any()))
+            if mesh.space.comm.any(bool(nodes.any()))
         )
 
 

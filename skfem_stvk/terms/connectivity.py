@@ -13,7 +13,7 @@ from ..errors import MeshError, name_ids, name_known
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.element import ELEMENTS, Element, named
 from ..mesh.locations import checked_facets, checked_lines
-from ..space import Space
+from ..space import ONE_PROCESS, Communicator
 from .protocols import is_load
 
 
@@ -80,8 +80,8 @@ def connected(value: MeshLike, terms: Sequence[Any]) -> Connected:
                     "elements of lower dimension. To select elements of the mesh, give region=...; if all terms have their own "
                     "elements, give bare points, System(mesh.p, ...)."
                 )
-            space = Space(0) if mesh is None else mesh.space
-            regions[number] = element.name, _positions(t, term.simplices, blocks.setdefault(element.name, []), space)
+            comm = ONE_PROCESS if mesh is None else mesh.space.comm
+            regions[number] = element.name, _positions(t, term.simplices, blocks.setdefault(element.name, []), comm)
     meshes = [] if mesh is None else [mesh]
     order = sorted(blocks, key=lambda name: -ELEMENTS[name].k)
     if len({ELEMENTS[name].k for name in order}) < len(order):
@@ -162,11 +162,11 @@ def _refuse_without_simplices(terms: Sequence[Any], with_elements: Sequence[Any]
         )
 
 
-def _positions(t: NDArray[np.int32], simplices: Any, blocks: list[tuple[NDArray[np.int32], Any]], space: Space) -> slice:
+def _positions(t: NDArray[np.int32], simplices: Any, blocks: list[tuple[NDArray[np.int32], Any]], comm: Communicator) -> slice:
     """Return the positions of simplices among those of their kind; they are added unless the same ones exist in all parts."""
     begin = 0
     for block, _ in blocks:
-        if not space.any(not np.array_equal(block, t)):
+        if not comm.any(not np.array_equal(block, t)):
             return slice(begin, begin + t.shape[1])
         begin += block.shape[1]
     blocks.append((t, simplices))

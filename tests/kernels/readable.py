@@ -1538,35 +1538,6 @@ def iterate(
     return CONVERGED if state[NORM] <= tolerance else UNFINISHED, max_iterations
 
 
-def update_and_multiply(
-    edges: Ids,
-    blocks: Reals,
-    diagonal: Reals,
-    grounded: Ids,
-    ground: Reals,
-    constrained: Ids,
-    beta: float,
-    s: Reals,
-    p: Reals,
-    q: Reals,
-) -> None:
-    """Write `s + beta p` to `p`, and `A p` to `q`."""
-    p[:] = s + beta * p
-    q[:] = matrix_of_edges(edges, blocks, diagonal, grounded, ground, len(p) // 3) @ p
-    q[constrained] = 0
-
-
-def step_and_precondition(
-    begin: int, end: int, alpha: float, inverse: Reals, p: Reals, q: Reals, x: Reals, r: Reals, s: Reals
-) -> tuple[float, float]:
-    """Write `x + alpha p`, `r - alpha q` and `D^-1 r` of some block rows; return `r'r` and `r's` of these."""
-    own = slice(3 * begin, 3 * end)
-    x[own] += alpha * p[own]
-    r[own] -= alpha * q[own]
-    s[own] = np.einsum("nij,nj->ni", inverse.reshape(-1, 3, 3)[begin:end], r[own].reshape(-1, 3)).ravel()
-    return float(r[own] @ r[own]), float(r[own] @ s[own])
-
-
 def shifted_diagonal(
     edges: Ids,
     blocks: Reals,

@@ -78,7 +78,7 @@ def cache(tmp_path_factory):
 @pytest.mark.parametrize("damage", slow_but({"an index cut off", "code with one bit flipped"}, DAMAGE))
 def test_a_damaged_cache_is_reported_deleted_and_compiled_again(damage, cache):
     suffix, change = DAMAGE[damage]
-    (file,) = [file for file in cache.rglob(f"*.{suffix}") if file.name.startswith("topology.lexicographic_order")]
+    (file,) = [file for file in cache.rglob(f"*.{suffix}") if file.name.startswith("simplex_topology.lexicographic_order")]
     whole = file.read_bytes()
     file.write_bytes(change(whole))
     words = messages_of(KERNEL, cache)

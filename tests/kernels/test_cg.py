@@ -167,22 +167,6 @@ def test_compiled_and_readable_loops_agree(name, assembled, solver):
             assert np.abs(twin).max() > 1e-3 and np.abs(compiled - twin).max() < 1e-9 * np.abs(twin).max()
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_compiled_and_readable_pieces_for_parts_agree(name):
-    """The pieces of conjugate gradients between exchanges: all rows, then the rows of a part alone."""
-    problem, found = Problem(name), {}
-    n = len(problem.inverse) // 9
-    for kernels in (cg, readable):
-        p, q, x, r, s = np.random.default_rng(7).standard_normal((5, 3 * n))
-        own = problem.edges, problem.blocks, problem.diagonal, *problem.own_ground, problem.constrained
-        kernels.update_and_multiply(*own, 0.7, s.copy(), p, q)
-        sums = [kernels.step_and_precondition(*rows, 0.3, problem.inverse, p, q, x, r, s) for rows in ((0, n), (n // 3, n // 2))]
-        found[kernels] = p, q, x, r, s, np.array(sums)
-    assert not found[cg][1][problem.constrained].any()
-    for one, other in zip(found[cg], found[readable], strict=True):
-        assert np.abs(one - other).max() < 1e-12 * np.abs(other).max()
-
-
 @pytest.mark.parametrize("shifted", [False, True])
 @pytest.mark.parametrize("name", NAMES)
 def test_diagonals_agree_and_are_those_of_the_matrix(name, shifted):

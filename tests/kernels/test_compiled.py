@@ -156,18 +156,18 @@ def test_machine_code_is_in_the_users_cache_folder_and_not_in_the_package(tmp_pa
     (tmp_path / "own.py").write_text("import numba\n\n@numba.njit(cache=True)\ndef twice(x):\n    return 2 * x\n")
     places = {"HOME": tmp_path / "home", "XDG_CACHE_HOME": None, "NUMBA_CACHE_DIR": None}
     done = ran(KERNEL + OWN.format(folder=tmp_path), root, **places)
-    (folder,) = {file.parent for file in tmp_path.rglob("topology.*.nb[ci]")}
+    (folder,) = {file.parent for file in tmp_path.rglob("simplex_topology.*.nb[ci]")}
     assert folder.parent == tmp_path / "home" / ".cache" / "skfem-stvk" and str(folder) in done.stderr
     assert not [file for file in root.rglob("__pycache__/*") if file.suffix != ".pyc"]
     for name in ("XDG_CACHE_HOME", "NUMBA_CACHE_DIR"):
         ran(KERNEL, root, **places | {name: tmp_path / name})
-        assert list((tmp_path / name / "skfem-stvk" / folder.name).glob("topology.*.nbc"))
+        assert list((tmp_path / name / "skfem-stvk" / folder.name).glob("simplex_topology.*.nbc"))
 
 
 def test_checkouts_of_one_version_do_not_load_the_kernels_of_each_other(tmp_path):
     """Two checkouts differ in one kernel and take turns; each compiles once and has its own result."""
     roots = copied(tmp_path / "one"), copied(tmp_path / "other")
-    source = roots[1] / "skfem_stvk" / "kernels" / "topology.py"
+    source = roots[1] / "skfem_stvk" / "kernels" / "simplex_topology.py"
     text = source.read_text()
     assert text.count("    indptr[0] = 0\n") == 1
     source.write_text(text.replace("    indptr[0] = 0\n", "    indptr[0] = 7\n"))

@@ -34,7 +34,7 @@ def divisions(mesh, ranks):
 
 def equal_bits(space, x):
     """Return whether a vector has the bits of the rank that counts the node, on all ranks."""
-    return not space.any(not np.array_equal(space.share(space.counted(x)), x))
+    return not space.comm.any(not np.array_equal(space.share(space.counted(x)), x))
 
 
 def difference(space, own, whole, at=None):
@@ -48,7 +48,7 @@ def difference(space, own, whole, at=None):
     own, size = own.reshape(len(at), -1), abs(whole).max() + 1e-300
     if not all(equal_bits(space, np.ascontiguousarray(column)) for column in own.T):
         return float("inf")
-    return space.most(float(abs(own - whole.reshape(-1, own.shape[1])[at]).max(initial=0.0))) / size
+    return space.comm.most(float(abs(own - whole.reshape(-1, own.shape[1])[at]).max(initial=0.0))) / size
 
 
 def compare(build, mesh, part, u, v):
@@ -66,7 +66,7 @@ def compare(build, mesh, part, u, v):
             fields[0].values(), fields[1].values(), sizes, np.split(bits, columns, axis=1), strict=True
         )
     ]
-    found = dict(zip(fields[0], space.most(np.array(off)).tolist(), strict=True))
+    found = dict(zip(fields[0], space.comm.most(np.array(off)).tolist(), strict=True))
     numbers = {"smallest J": (one.smallest_volume_ratio(u[space.numbers]), whole.smallest_volume_ratio(u))}
     if not whole.without_energy:
         numbers["W"] = one.energy(u[space.numbers]), whole.energy(u)

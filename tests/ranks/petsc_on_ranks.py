@@ -76,7 +76,7 @@ def force_of(mesh):
     """Return the force on free degrees of freedom due to a motion of the others, with zeros elsewhere."""
     end = {lambda x: x[0] > 2.8: {"x": 0.2, "z": 0.3}}
     system = runs.system(mesh, [S.StVK(young=runs.materials(mesh), poisson=0.3)], prescribed=end)
-    tangent = FreeTangent(system, Petsc() if system.space.divided else SuperLU(), Kind.SYMMETRIC)
+    tangent = FreeTangent(system, Petsc() if system.space.comm.divided else SuperLU(), Kind.SYMMETRIC)
     tangent.free_matrix(np.zeros(system.ndofs), 1.0)
     return tangent.space.expand(
         tangent.force_of(np.sin(system.mesh.p.T.ravel()) * tangent.constrained.expand(np.ones(tangent.constrained.n)))

@@ -58,7 +58,7 @@ def difference(space, own, whole, numbers):
     whole = np.ma.masked_array(whole)
     a, b = np.ma.filled(own, 0.0), whole.filled(0.0)
     same = np.array_equal(np.ma.getmaskarray(own), np.ma.getmaskarray(whole)[numbers])
-    return space.most(float(np.abs(a - b[numbers]).max(initial=0.0)) if same else np.inf) / (np.abs(b).max() or 1.0)
+    return space.comm.most(float(np.abs(a - b[numbers]).max(initial=0.0)) if same else np.inf) / (np.abs(b).max() or 1.0)
 
 
 def relative(own, whole):
@@ -69,7 +69,7 @@ def relative(own, whole):
 def same_bits(space, x):
     """Return whether all ranks have the same bits at nodes that they share."""
     rows = np.ascontiguousarray(np.ma.filled(x, 0.0).reshape(len(x), -1).T)
-    return not space.any(sum(not np.array_equal(space.share(space.counted(row)), row) for row in rows) > 0)
+    return not space.comm.any(sum(not np.array_equal(space.share(space.counted(row)), row) for row in rows) > 0)
 
 
 def refused(call):
@@ -102,16 +102,16 @@ def main(folder):
                 space, one.at_nodes(field, "some"), whole.at_nodes(field, "some"), part.node_numbers
             )
             found[f"{field}, bits"] = 0.0 if same_bits(space, at_nodes) else np.inf
-        write_vtu(folder / (f"{name}.pvtu" if space.divided else f"{name}.vtu"), one, names())
-        again = read_state(folder / (f"{name}.pvtu" if space.divided else f"{name}.vtu"), part)
+        write_vtu(folder / (f"{name}.pvtu" if space.comm.divided else f"{name}.vtu"), one, names())
+        again = read_state(folder / (f"{name}.pvtu" if space.comm.divided else f"{name}.vtu"), part)
         found["read again"] = float(
-            space.any(not all(np.array_equal(x, y[space.numbers]) for x, y in zip(again, (u, v), strict=True)))
+            space.comm.any(not all(np.array_equal(x, y[space.numbers]) for x, y in zip(again, (u, v), strict=True)))
         )
-        if space.leads:
+        if space.comm.leads:
             write_vtu(folder / f"{name} whole.vtu", whole, names())
         COMM.Barrier()
         again = read_state(folder / f"{name} whole.vtu", part)
-        found["read whole"] = float(space.any(not np.array_equal(again[0], u[space.numbers])))
+        found["read whole"] = float(space.comm.any(not np.array_equal(again[0], u[space.numbers])))
         out[name] = {"differences": found, "ranks": [ids.tolist() for ids in COMM.allgather(part.element_numbers)]}
     messages = [
         refused(lambda: plot(one)),

@@ -163,7 +163,7 @@ def compare(name, run, how, whole):
     largest = {}
     for name, column in reference.items():
         largest[kind_of(name)] = max(largest.get(kind_of(name), 1e-300), np.abs(column).max(initial=0))
-    ranks = space.comm.allgather(columns)
+    ranks = space.comm.mpi.allgather(columns)
     found["columns of ranks"] = 0.0 if all(one == ranks[0] for one in ranks) else float("inf")
     for name, column in reference.items():
         if len(columns[name]) != len(column):

@@ -77,7 +77,7 @@ def test_each_file_of_a_part_is_read_once_by_any_number_of_parts(before, now, da
 
         def read(part, new=new, exchange=exchange):
             numbers = new[part]
-            space = PartSpace(exchange, part, 40, 1, numbers, None, (slice(0, len(numbers)),))
+            space = PartSpace(exchange, part, 40, 1, numbers, (slice(0, len(numbers)),))
             try:
                 return store.of_part(file, header, {"t": np.ones(1)}, lambda name: name == "u", space, "Start again.")
             except StvkError as error:

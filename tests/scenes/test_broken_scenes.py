@@ -644,22 +644,6 @@ def test_a_broken_scene_gets_its_message(case, tmp_path, monkeypatch, capsys):
     assert [path.name for path in tmp_path.iterdir() if path.name not in ("scene.toml", "scene")] == []
 
 
-def test_a_check_of_ellipticity_that_a_law_does_not_have_is_refused_at_its_key_before_the_work(tmp_path, capsys):
-    path = tmp_path / "scene.toml"
-    motion = GOOD.partition("[analysis]")[2].partition("[output]")[0]
-    static = GOOD.replace(motion, '\ntype = "static"\nellipticity = true\n\n').replace('plots = ["tip", "ledger"]', "")
-    with_field = GOOD.replace("plots =", 'fields = ["pk2_stress", "smallest_acoustic_eigenvalue"]\nplots =')
-    for text, key in ((static, "analysis.ellipticity"), (with_field, "output.fields[1]")):
-        path.write_text(text.replace("2e6", "2e3"))
-        assert Scene.read(path).system()
-        path.write_text(text.replace('type = "stvk"', 'type = "neo-hookean"'))
-        assert main(["solve", str(path)]) == 2
-        printed = " ".join(capsys.readouterr().err.split())
-        line = next(n for n, one in enumerate(path.read_text().splitlines(), 1) if one.startswith(key.split(".")[1].rstrip("[1]")))
-        assert f"scene.toml: {key}, line {line}: 96 elements (0, 1, 2, 3, 4, ...) in NeoHookean: expected StVK" in printed
-        assert "ellipticity=True" not in printed and not (tmp_path / "scene").exists()
-
-
 def test_all_errors_are_reported_together_in_the_order_of_lines(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     wrong = [

@@ -72,14 +72,14 @@ def test_an_explicit_step_below_the_critical_one_is_measured():
 
 
 def test_units_name_the_push_and_the_critical_step_and_give_the_seconds_of_a_step(file, capsys, monkeypatch):
-    """In mm-kg-ms a step of 1 is a millisecond. A density in kg/m^3 gets a note."""
+    """In mm-kg-ms a step of 1 is a millisecond. A modulus in Pa gets a note."""
     found = []
     monkeypatch.setattr(budget, "print_table", lambda rows, step: found.append((rows, step)))
     assert main(["budget", file, *MATERIAL, "--step", "1", "--units", "mm-kg-ms"]) == 0
     ((rows, seconds),) = found
     out = capsys.readouterr().out
     assert "steps of 1 ms of" in out and " kN along " in out and " mm. In motion" in out and seconds == pytest.approx(1e-3)
-    assert "density = 1000 kg/mm^3 is unusual" in out
+    assert "young = 100000 GPa is unusual" in out
     explained = [budget.measured(row, work).explanation for row, work in rows if row.integrator == "ForwardEuler"]
     assert explained[0].endswith(" ms.")
 

@@ -132,11 +132,7 @@ def test_all_errors_of_a_mesh_are_reported_together():
 
 def test_a_material_in_other_units_is_detected():
     found = inspect_mesh(box(), young=210.0, poisson=0.3, density=7.85)
-    assert {one.text.split(" = ")[0] for one in found.remarks if one.name == "implausible"} == {"--young", "--density"}
-
-
-def test_a_mesh_in_millimetres_is_detected():
-    assert any("size of the mesh" in one.text for one in inspect_mesh(box(size=300.0), **STEEL).remarks)
+    assert [one.text.split(" = ")[0] for one in found.remarks if one.name == "implausible"] == ["--young"]
 
 
 def test_without_a_density_the_mass_is_unknown_and_costs_are_reported():

@@ -97,11 +97,11 @@ def test_the_text_of_an_error_is_that_of_the_part_that_has_it():
         space = system.space
 
         def fails():
-            if space.leads:
+            if space.comm.leads:
                 raise StateError("only here")
             return 1.0
 
-        return caught(lambda: space.together(fails)), caught(lambda: space.sum_of(fails)), space.sum_of(lambda: 1.5)
+        return caught(lambda: space.comm.together(fails)), caught(lambda: space.comm.sum_of(fails)), space.comm.sum_of(lambda: 1.5)
 
     found, _ = Division("triangles", "strips").run(work, grounded)
     for _, (together, summed, total) in found:
@@ -262,9 +262,9 @@ def test_analyses_that_need_the_whole_body_are_refused_by_name(name):
     call, text = REFUSED[name]
 
     def work(system, dofs):
-        before = system.space.reductions if system.space.divided else 0
+        before = system.space.comm.reductions if system.space.comm.divided else 0
         error = caught(lambda: call(system))
-        return error, (system.space.reductions if system.space.divided else 0) - before
+        return error, (system.space.comm.reductions if system.space.comm.divided else 0) - before
 
     body = Division("tetrahedra", "strips")
     parts = Division.only_parts(body, work, grounded)
@@ -275,8 +275,8 @@ def test_analyses_that_need_the_whole_body_are_refused_by_name(name):
 
 def test_auto_is_conjugate_gradients_on_parts_and_the_header_says_so(separate_threads, capsys):
     def solve(system, dofs):
-        result = solve_static(system, steps=1, quiet=not system.space.leads)
-        run = simulate(system, LinearBackwardEuler(dt=0.05), until=0.1, quiet=not system.space.leads)
+        result = solve_static(system, steps=1, quiet=not system.space.comm.leads)
+        run = simulate(system, LinearBackwardEuler(dt=0.05), until=0.1, quiet=not system.space.comm.leads)
         return result.solver, run.iterations
 
     body = Division("tetrahedra", "random")

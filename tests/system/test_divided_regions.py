@@ -56,8 +56,7 @@ def results(system, u, v):
     numbers |= {
         f"signature {i}": one for i, one in enumerate(Fingerprint("motion", system, {}, (0.5, 1.0), {}).signature.numbers.values())
     }
-    texts = {"findings": [(one.name, one.elements.tolist(), one.text) for one in Monitors(system, False).at(u)]}
-    texts["ellipticity"] = without_ids(caught(lambda: Monitors(system, True)))
+    texts = {"findings": [(one.name, one.elements.tolist(), one.text) for one in Monitors(system).at(u)]}
     fields, of_elements = Fields.of(system).at(u), {}
     for name in names():
         texts[name] = without_ids(error := caught(lambda name=name: fields[name]))

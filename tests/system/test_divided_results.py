@@ -44,14 +44,14 @@ def test_findings_have_the_elements_of_all_parts_and_the_place_of_the_first(how)
     u = (-0.5 * x - 0.6 * (x[:, :1] > 0.2) * x).ravel()
 
     def work(system, dofs):
-        monitors = Monitors(system, ellipticity=True)
-        before = getattr(system.space, "ids_sent", 0)
+        monitors = Monitors(system)
+        before = getattr(system.space.comm, "ids_sent", 0)
         found = [*monitors.before(), *monitors.at(u[dofs])]
-        assert getattr(system.space, "ids_sent", 0) - before <= 5 * len(found)
+        assert getattr(system.space.comm, "ids_sent", 0) - before <= 5 * len(found)
         return [(one.name, one.elements.tolist(), one.extreme, one.text) for one in found]
 
     found, whole = body.run(work, compressed)
-    assert [one[0] for one in whole] == ["locking", "inside out", "compressed", "not elliptic"]
+    assert [one[0] for one in whole] == ["locking", "inside out", "compressed"]
     for _, own in found:
         for (name, ids, extreme, text), (whole_name, whole_ids, whole_extreme, whole_text) in zip(own, whole, strict=True):
             assert (name, ids, text) == (whole_name, whole_ids[:5], whole_text) and len(whole_ids) > 5
@@ -234,9 +234,9 @@ def test_rigid_modes_turn_about_the_centre_of_the_whole_body(how):
 
 @divided
 @pytest.mark.parametrize("with_shift", [False, True])
-@pytest.mark.parametrize("make", [grounded, free_body], ids=["functions", "compiled"])
+@pytest.mark.parametrize("make", [grounded, free_body])
 def test_an_iteration_of_conjugate_gradients_has_two_reductions(make, with_shift, how):
-    """A body of one term has compiled pieces. Both loops find the solution of the whole body, with a mass on the diagonal, too."""
+    """The loop finds the solution of the whole body, with a mass on the diagonal, too."""
     body = Division("tetrahedra", how)
     b, x0 = np.random.default_rng(5).standard_normal((2, body.mesh.p.size))
 
@@ -245,20 +245,19 @@ def test_an_iteration_of_conjugate_gradients_has_two_reductions(make, with_shift
         shift = np.repeat(system.mass().vertex, 3)[free.free] if with_shift else None
         K = FreeOperator(system.linear_operator(np.zeros(system.ndofs)), free, shift)
         factors = BlockJacobiCg().analyse(Unknowns(*np.divmod(free.free, 3))).factorise(K, Kind.POSITIVE_DEFINITE)
-        before = system.space.reductions if system.space.divided else 0
+        before = system.space.comm.reductions if system.space.comm.divided else 0
         first = factors.solve(b[dofs][free.free], rtol=1e-11)
-        count = system.space.reductions - before if system.space.divided else 0
+        count = system.space.comm.reductions - before if system.space.comm.divided else 0
         again = factors.solve(b[dofs][free.free], 1e-11, x0[dofs][free.free])
         x, y, z = np.zeros((3, system.ndofs))
         x[free.free], y[free.free], z[free.free] = first.x, again.x, factors.precondition(b[dofs][free.free])
-        return np.stack([x, y, z], axis=1), first.iterations, count, type(factors).__name__
+        return np.stack([x, y, z], axis=1), first.iterations, count
 
     found, (x, iterations, *_) = body.run(solve, make)
     of_parts = combined([(dofs, own) for dofs, (own, *_) in found], x.shape)
     np.testing.assert_allclose(of_parts, x, rtol=0, atol=1e-8 * abs(x).max())
-    for _, (_, own, reductions, loop) in found:
+    for _, (_, own, reductions) in found:
         assert abs(own - iterations) <= 2 and 2 * own <= reductions <= 2 * own + 6
-        assert loop == ("EdgeFactors" if make is free_body else "BlockJacobiFactors")
 
 
 @divided
@@ -309,7 +308,7 @@ def test_numbers_of_parts_are_gathered_in_ascending_order(how):
         space = system.space
         own = space.counted(np.ones(space.n)) > 0
         numbers = space.numbers[own]
-        return space.gather(numbers[::-1], np.stack([np.cos(numbers), numbers], axis=1)[::-1])
+        return space.comm.gather(numbers[::-1], np.stack([np.cos(numbers), numbers], axis=1)[::-1])
 
     found, _ = Division("tetrahedra", how).run(work, grounded)
     n = len(np.unique(np.concatenate([dofs for dofs, _ in found])))

@@ -389,8 +389,8 @@ def test_the_blocks_by_edges_are_the_same_matrix(touching):
     body, held = System(SOLID.mesh, terms), SOLID.free_dofs(np.arange(7))
     u, shift = state(SOLID.mesh), np.linspace(1, 2, SOLID.ndofs - 7)
     operator = FreeOperator(body.linear_operator(u), held, shift)
-    edges, blocks, vertices, same, grounded, ground, space = operator.by_edges()
-    assert same is shift and space is None and (len(np.unique(grounded)) > 5) == touching
+    edges, blocks, vertices, same, grounded, ground = operator.by_edges()
+    assert same is shift and (len(np.unique(grounded)) > 5) == touching
     v = state(SOLID.mesh, seed=9)
     v[held.fixed] = 0
     x, product = v.reshape(-1, 3)[vertices], np.zeros((len(vertices), 3))
@@ -419,7 +419,7 @@ def test_pairs_that_the_first_term_has_are_added_to_its_blocks(mesh):
     first = 3 * np.arange(len(u) // 3)[:, None] + np.arange(3)
     diagonal = np.array([K[rows][:, rows].toarray() for rows in first])
     assert np.abs(operator.diagonal_blocks() - diagonal).max() < 1e-14 * np.abs(diagonal).max()
-    edges, blocks, vertices, _, grounded, ground, _ = operator.by_edges()
+    edges, blocks, vertices, _, grounded, ground = operator.by_edges()
     x, product = v.reshape(-1, 3)[vertices], np.zeros((len(vertices), 3))
     for (a, b), block in zip(edges, blocks.reshape(-1, 3, 3), strict=True):
         product[a] += block @ (x[b] - x[a])

@@ -21,7 +21,6 @@ from skfem_stvk import (
     Pressure,
     Rayleigh,
     StVK,
-    StvkError,
     System,
     VolumePenalty,
     modes,
@@ -244,11 +243,3 @@ def test_nodal_forces_are_those_of_the_stress(name):
             - fields.at(v)["strain_energy_density"]
         )
         assert both @ fields.volume == pytest.approx(System(mesh, LinearElastic(material)).internal_force(u) @ v, rel=1e-9)
-
-
-def test_ellipticity_is_refused_with_linear_elasticity():
-    system = loaded()
-    with pytest.raises(
-        StvkError, match=r"48 elements .* in LinearElastic: expected StVK, the only law with a check of strong ellipticity"
-    ):
-        solve_static(system, ellipticity=True, quiet=True)

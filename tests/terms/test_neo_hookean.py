@@ -24,7 +24,6 @@ from skfem_stvk import (
     Orthotropic,
     StateError,
     StVK,
-    StvkError,
     StvkWarning,
     System,
     TransverselyIsotropic,
@@ -308,11 +307,8 @@ def test_messages_about_st_venant_kirchhoff_are_not_given_for_neo_hookean():
     mesh = MESHES["tetrahedra"]
     body = System(mesh, NeoHookean(young=1.0, poisson=0.3))
     u = -0.5 * mesh.p.T.ravel()
-    assert [finding.name for finding in Monitors(body, ellipticity=False).at(u)] == []
-    with pytest.raises(StvkError, match=r"in NeoHookean: expected StVK, .* strong ellipticity"):
-        Monitors(body, ellipticity=True)
-    with pytest.raises(StvkError, match="in NeoHookean"):
-        Fields.of(body).at(u)["smallest_acoustic_eigenvalue"]
+    assert [finding.name for finding in Monitors(body).at(u)] == []
+    assert np.ma.getmaskarray(Fields.of(body).at(u)["smallest_acoustic_eigenvalue"]).all()
     u[: mesh.d] += 3.0
     with pytest.raises(StateError, match="inverted or flat"):
         Fields.of(body).at(u)["cauchy_stress"]

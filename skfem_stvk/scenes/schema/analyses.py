@@ -55,7 +55,6 @@ class StaticAnalysis(Part):
     type: Literal["static"]
     steps: Annotated[int, key("The first step is this part of the load: 1/steps.", ge=1)] = 10
     stability: Annotated[bool, key("Compute the lowest eigenvalue of K at each state if the solver does not give it.")] = False
-    ellipticity: Annotated[bool, key("Check each state for elements without strong ellipticity.")] = False
 
 
 class DisplacementLevel(Part):
@@ -82,7 +81,6 @@ class ArcLengthAnalysis(Part):
     steps: Annotated[int, key("The first step is this part of the load: 1/steps.", ge=1)] = 10
     stop: Annotated[StopRule, key("The end of the path; by default load factor 1.")] = StopRule(load=1.0)
     stability: Annotated[bool, key("Compute the lowest eigenvalue of K at each state if the solver does not give it.")] = False
-    ellipticity: Annotated[bool, key("Check each state for elements without strong ellipticity.")] = False
 
 
 class Damping(Part):

@@ -25,6 +25,13 @@ def key(sentence: str, dimension: str | None = None, **limits: Any) -> Any:
     return Field(description=sentence, json_schema_extra={"dimension": dimension}, **limits)
 
 
+def dimension_of(found: FieldInfo) -> str | None:
+    """Return the dimension that a key of a scene declares; None for pure numbers and other values."""
+    extra = found.json_schema_extra
+    dimension = extra.get("dimension") if isinstance(extra, dict) else None
+    return dimension if isinstance(dimension, str) else None
+
+
 @dataclass(frozen=True)
 class OneOf:
     """Metadata of a text: it must be one of the names that a table, such as that of integrators, has when a scene is checked."""

@@ -11,7 +11,7 @@ from pydantic import Discriminator, Field, Tag, create_model
 from ...edges.materials import MATERIALS
 from ...solvers.dynamics.integrators import INTEGRATORS
 from ...terms import TERMS
-from ...units import UNITS
+from ...units import UNITS, implausible_moduli
 from .analyses import ReducedBasis, Solver, analyses
 from .derived import one_of
 from .mesh_keys import Mesh
@@ -92,7 +92,7 @@ class SceneTables(Part):
     title: Annotated[str, key("Title of the reports.")] = ""
     units: Annotated[
         Literal[tuple(UNITS)],  # type: ignore[valid-type]
-        key("System of units of all values: shown in outputs, and used to check whether values are plausible."),
+        key("System of units of all values: shown in outputs, and used to check whether stiffnesses are plausible."),
     ] = "SI"
     threads: Annotated[int | None, key("Number of threads of kernels; by default one for each core.", ge=1)] = None
     mesh: Annotated[Mesh, key("The mesh: a file, or one that is generated.")]
@@ -109,6 +109,11 @@ class SceneTables(Part):
     solver: Annotated[Solver, key("Linear solver, and tolerance of the residual.")] = Solver()
     output: Annotated[Output, key("What is written.")] = Output()
     expect: Annotated[Expect, key("Expected results; the command fails if they are not met.")] = {}
+
+    def implausible(self, size: float = 0.0) -> list[str]:
+        """Return, in a sentence each, the Young's moduli that are implausible in these units for a body of this largest extent."""
+        moduli = {f"materials.{name}.young": getattr(one, "young", None) for name, one in self.materials.items()}
+        return implausible_moduli(moduli, UNITS[self.units], size)
 
 
 def scene_tables() -> type[SceneTables]:

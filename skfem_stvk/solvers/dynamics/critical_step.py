@@ -152,7 +152,7 @@ class LargestFrequency:
             return 0.0
         mass, rows = np.repeat(self._mass.vertex, self._system.mesh.d)[self._is_free], np.zeros(space.n)
         rows[self._is_free] = abs(K[self._is_free][:, self._is_free]) @ (1 / np.sqrt(mass))
-        return space.most(float((space.share(rows)[self._is_free] / np.sqrt(mass)).max(initial=0.0)))
+        return space.comm.most(float((space.share(rows)[self._is_free] / np.sqrt(mass)).max(initial=0.0)))
 
     def _bound(self, K: TangentOperator) -> float:
         return bound_on_eigenvalues(K, self.vertex)
@@ -282,7 +282,7 @@ def bound_on_eigenvalues(K: TangentOperator, vertex: Array) -> float:
         K.space.share(sums)
         sums *= inverse
         rows = np.divide(sums, s, out=np.zeros(len(s)), where=s > 0)
-        bound, s = min(bound, K.space.most(float(rows.max()))), sums
+        bound, s = min(bound, K.space.comm.most(float(rows.max()))), sums
     return bound
 
 

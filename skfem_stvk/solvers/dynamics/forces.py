@@ -118,7 +118,7 @@ def _combined(
         refuse_overflow(total, f"out, with {force} added,", y)
         return R
 
-    R = system.space.sum_of(of_part)
+    R = system.space.comm.sum_of(of_part)
     system.space.share(total)
     return R
 

@@ -209,7 +209,7 @@ class LedgerWriter:
         ]
         dofs = [(mesh.d * vertices[:, None] + np.arange(mesh.d)).ravel() for vertices in probes]
         self._probes = [motion.states.entries(one) for one in dofs]
-        self._probed = [mesh.space.total(len(vertices)) for vertices in probes]
+        self._probed = [mesh.space.comm.total(len(vertices)) for vertices in probes]
         self._angular = {1: slice(0), 2: slice(6, 7), 3: slice(4, 7)}[mesh.d]
         self._sums = np.zeros(8)
         self.external = self.dissipated = self.friction = self.removed = 0.0
@@ -282,12 +282,12 @@ class LedgerWriter:
         row += [potential, self.external, self.dissipated, *optional, *balance, inside_out]
         row += [*sums[1 : 1 + mesh.d], *sums[self._angular]]
         for displacements, count in zip(self._probes, self._probed, strict=True):
-            row += list(mesh.space.total(displacements(state.u).reshape(-1, mesh.d).sum(axis=0)) / count)
+            row += list(mesh.space.comm.total(displacements(state.u).reshape(-1, mesh.d).sum(axis=0)) / count)
         if self._reactions:
             times = [*self.ledger["time"][-2:].tolist(), state.t]
             forces = motion.ground_forces(state, times, self._dt, self._mean)
             for place in self._reactions:
-                row += list(mesh.space.total(place.forces(forces).sum(axis=0)))
+                row += list(mesh.space.comm.total(place.forces(forces).sum(axis=0)))
         for contact, force in zip(motion.system.contacts_at(motion.moment(state.t)), state.forces, strict=False):
             row += list(force.reshape(-1, mesh.d)[contact.nodes].sum(axis=0))
             if isinstance(contact, BoundRigidContact):

@@ -9,6 +9,7 @@ from ...errors import StateError, warn
 from ...linear.choose import header_text
 from ...results.complete_files import WriteError
 from ...results.monitors import Finding, Monitors
+from ...system.divided import parts_line
 from ...terms.loads.rigid_contact import BoundRigidContact
 from ...units import UnitSystem, remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
@@ -77,10 +78,10 @@ class Loop:
             warn(finding.text)
         free, solver, space = setup.motion.states.on(setup.motion.free.free), self._stepper.solver, setup.motion.system.space
         header = f"{setup.motion.body!r}, {free.count} of them free; {setup.integrator}"
-        if free.divided and solver is not None:
+        if free.comm.divided and solver is not None:
             header += f"; {header_text(solver, True)}"
-        header += space.parts + remarks(setup.motion.system)
-        with MotionProgress(header, record.ledger, record.steps, self._quiet or not space.prints) as progress:
+        header += parts_line(setup.motion.system.mesh) + remarks(setup.motion.system)
+        with MotionProgress(header, record.ledger, record.steps, self._quiet) as progress:
             try:
                 self._outputs.save_if_due()
                 status, detail = self._all_steps(progress)
@@ -88,11 +89,11 @@ class Loop:
                     status, detail = self._all_steps(progress)
                 self._outputs.close()
             except (KeyboardInterrupt, Exception) as error:  # full disk or failing load: the run so far is retained
-                raise_if_divided(space, error)
+                raise_if_divided(space.comm, error)
                 status, cause = Status.INTERRUPTED, error
                 detail = self._end_interrupted(error)
         run = self._result(status, detail, cause)
-        space.end_step(False)  # issues the last warnings
+        space.comm.end_step(False)  # issues the last warnings
         if isinstance(cause, KeyboardInterrupt):
             raise Interrupted(run)
         if cause is not None or (raise_on_failure and not run.success):
@@ -118,7 +119,7 @@ class Loop:
                 self._outputs.step()
             progress.step(record.steps, record.steps + (clock.steps_left(until) if whole else 0))
             if whole and clock.steps_left(until):
-                stop_if_requested(motion.system.space)
+                stop_if_requested(motion.system.space.comm)
         return Status.FINISHED, ""
 
     @np.errstate(over="ignore", invalid="ignore")  # states that overflow are rejected later
@@ -170,7 +171,7 @@ class Loop:
     @property
     def _monitors(self) -> Monitors:
         """Search for elements at which the model is unreliable, in the present body."""
-        return Monitors(self.setup.motion.system, ellipticity=False)
+        return Monitors(self.setup.motion.system)
 
     def _arrived(self, state: MotionState) -> None:
         self._ledger_writer.add_work(state)
@@ -260,7 +261,7 @@ class Loop:
         per_size = system.body.lumped_mass.sum() / system.body.sizes.sum()  # density, or mass per area of membranes
         speed = np.sqrt((v**2).sum(axis=1))
         along = speed * (v @ mesh.extent) if mesh.k == mesh.d else speed**2  # speed^2 times the height
-        impact = system.space.most(float(np.sqrt(per_size * along.max(initial=0.0))))
+        impact = system.space.comm.most(float(np.sqrt(per_size * along.max(initial=0.0))))
         return "".join(one.too_soft(impact) for one in system.contacts if isinstance(one, BoundRigidContact))
 
     def _time(self, t: float) -> str:

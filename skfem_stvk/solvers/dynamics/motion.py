@@ -49,7 +49,7 @@ class Motion:
         self.mass: Any = body.mass("lumped" if mass is None else mass)
         self.alpha, self.beta, self.tau = damping_factors(damping)
         self.free: Any = body.free_dofs(body.supports.held) if isinstance(body, System) else body.free
-        self.moving = self.system.space.any(self.system.supports.prescribed.size > 0)
+        self.moving = self.system.space.comm.any(self.system.supports.prescribed.size > 0)
         self._has_several_terms = len(body.elastic_names) > 1
         self._force, self._Mv, self._pushed = (np.zeros(self.states.n) for _ in range(3))
         self.begin_step(self.body.first_history())
@@ -130,16 +130,16 @@ class Motion:
                 return -self.states.dot(loads, u)
         elif self.mass.kind == "lumped" and loads is not None:
             kernels.lumped_momenta(mesh.p, u, v, self.mass.counted, self.states.counted(loads), sums)
-            sums[:] = self.states.total(sums)
+            sums[:] = self.states.comm.total(sums)
             return -float(sums[7])
         else:
             self.mass.multiply(v, out=self._Mv)
             shape = mesh.nv, mesh.d
             kernels.momenta(mesh.p, u.reshape(shape), v.reshape(shape), self.states.counted(self._Mv).reshape(shape), sums)
-            sums[:] = self.states.total(sums)
+            sums[:] = self.states.comm.total(sums)
         x, moment = by_vertex(mesh, self.states.expand(u)), self.moment(state.t)
         potentials = (load.potential(x, moment) for load in self.system.bound_loads if _keeps_energy(load))
-        return self.states.total(sum(potentials, 0.0))
+        return self.states.comm.total(sum(potentials, 0.0))
 
     @cached_property
     def at_rest(self) -> Any:

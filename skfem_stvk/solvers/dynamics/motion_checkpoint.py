@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from pydantic import AllowInfNan, Field, NonNegativeFloat, NonNegativeInt, PositiveFloat, PositiveInt
 
 from ...arguments import Array
-from ...errors import StvkError, name_ids, warn
+from ...errors import StvkError, name_ids
 from ...mesh import ElementMesh
-from ...results.complete_files import ForeignFile, of_leader, output_folder, output_path
+from ...results.complete_files import ForeignFile, of_leader, output_folder
 from ...results.state_files import MOTION, MOTION_FILE
 from ...results.store import FolderStore, Header, Record, expect, refusing_damage
 from ...space import Space
@@ -147,8 +147,6 @@ class MotionHeader(Header):
 class MotionCheckpoint(FolderStore[MotionHeader]):
     """File `motion.npz` in a folder, replaced as a motion proceeds. If the run is killed, the previous file remains intact.
 
-    Until version 1.0, `path` may be a .npz file in an existing folder, and a motion may continue from another path, `older`.
-
     States of the motion are vectors of the `space`. In a divided body, each part has a file of its own next to `motion.npz`.
     """
 
@@ -161,16 +159,12 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
         own = name.removeprefix("good ")
         return own in ARRAYS or own.startswith(FORCE) or name in HIERARCHY
 
-    def __init__(self, path: Path, resume: bool = False, older: Path | None = None, space: Space | None = None) -> None:
-        self.file, self._next = file_of(path), -np.inf
-        super().__init__(output_path(path, ".npz") if self.file == path else output_folder(path), space)
-        there = of_leader(self.space, self.file.exists)
+    def __init__(self, folder: Path, resume: bool = False, space: Space | None = None) -> None:
+        self.file, self._next = folder / MOTION_FILE, -np.inf
+        super().__init__(output_folder(folder), space)
+        there = of_leader(self.space.comm, self.file.exists)
         #: File to continue from; None to begin with the initial state.
-        self.source = file_of(older) if older else self.file if resume and there else None
-        if older:
-            _warn_of_old_form("resume", older)
-        if self.file == path != older:
-            _warn_of_old_form("checkpoint", path)
+        self.source = self.file if resume and there else None
 
     def belongs_to(self, problem: Fingerprint, overwrite: bool) -> None:
         """Set the signature of the problem for the files to be written. Refuse to replace a file of another problem."""
@@ -193,17 +187,6 @@ class MotionCheckpoint(FolderStore[MotionHeader]):
         self.write_file(self.file, self.problem, {"columns": ledger.names, **about}, every, self.states)
         end = time.perf_counter()
         self._next = end + max(EVERY, (end - begin) / SHARE)
-
-
-def file_of(path: Path) -> Path:
-    """Return the file of a checkpoint: `motion.npz` in the folder `path`, or `path` itself if it is a .npz file."""
-    return path if path.suffix.lower() == ".npz" and not path.is_dir() else path / MOTION_FILE
-
-
-def _warn_of_old_form(named: str, path: Path) -> None:
-    folder = str(path.with_suffix("") if file_of(path) == path else path)
-    form = f"checkpoint={folder!r}{', resume=True' * (named == 'resume')}"
-    warn(f"{named} = {str(path)!r} is supported until version 1.0; expected a folder: {form}. Its file is {MOTION_FILE}.")
 
 
 class Saved(NamedTuple):
@@ -287,7 +270,7 @@ def _arrays_of(state: MotionState, prefix: str) -> dict[str, Array]:
 
 def _in_whole_mesh(mesh: ElementMesh, vertices: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the ids in the whole mesh of vertices of all parts, each once."""
-    every = np.concatenate(mesh.space.each(mesh.node_numbers[vertices]))
+    every = np.concatenate(mesh.space.comm.each(mesh.node_numbers[vertices]))
     return every[np.sort(np.unique(every, return_index=True)[1])]
 
 

@@ -49,7 +49,7 @@ class Outputs:
         if series is not None:
             self._fields = Fields.of(setup.motion.system)
             table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
-            self._write_table = partial(of_leader, series.space, table.write)
+            self._write_table = partial(of_leader, series.space.comm, table.write)
 
     @classmethod
     def opened(cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack) -> Outputs:
@@ -133,7 +133,7 @@ class Outputs:
         """Save the state after a whole step if it is due, and write a checkpoint if it is due."""
         self.save_if_due()
         space = self._setup.motion.system.space
-        if self._checkpoint is not None and space.any(space.leads and self._checkpoint.due(time.perf_counter())):
+        if self._checkpoint is not None and space.comm.any(space.comm.leads and self._checkpoint.due(time.perf_counter())):
             self.checkpoint()
 
     def checkpoint(self) -> None:

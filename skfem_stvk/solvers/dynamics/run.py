@@ -220,7 +220,7 @@ class Run:
             raise StvkError("There is nothing to animate: no states were saved. Name a series: simulate(..., save='run.pvd').")
         series, system = self.series, self.system
         options = labels_of_files(field, system.units) | {"shapes": self._shapes} | options
-        return of_leader(system.space, lambda: animate(series, path, field, **options))
+        return of_leader(system.space.comm, lambda: animate(series, path, field, **options))
 
     def _shapes(self, t: float) -> list[RigidShape]:
         """Return the rigid shapes at time `t`."""

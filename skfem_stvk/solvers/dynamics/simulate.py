@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...arguments import Array, flag, number, path
+from ...arguments import Array, flag, number
 from ...errors import LoadError, StvkError, SupportError, name_ids
 from ...mesh.displacements import by_vertex
 from ...mesh.locations import Where
@@ -49,7 +49,7 @@ def simulate(
     fields: Sequence[str] | None = None,
     every: int | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
-    resume: bool | str | os.PathLike[str] = False,
+    resume: bool = False,
     overwrite: bool = False,
     quiet: bool = False,
     raise_on_failure: bool = True,
@@ -160,23 +160,17 @@ def simulate(
     quiet, raise_on_failure = flag("quiet", quiet), flag("raise_on_failure", raise_on_failure)
     body = checked_body(system)
     until, t0 = number("until", until, "a time in seconds"), number("t0", t0, "a time in seconds")
-    older = path("resume", resume, "True or False") if isinstance(resume, str | os.PathLike) else None  # supported until 1.0
     output_files = OutputFiles.checked(
-        save=save,
-        fields=fields,
-        checkpoint=older if checkpoint is None else checkpoint,
-        resume=False if older or resume is None else resume,
-        overwrite=overwrite,
-        every=every,
+        save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite, every=every
     )
     rule, checkpoint_file = checked_rule(remove), None
     if rule is not None:
-        refuse_divided(body.space, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
+        refuse_divided(body.space.comm, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
     with ExitStack() as stack:
         if output_files.checkpoint is not None:
             from .motion_checkpoint import MotionCheckpoint  # imports pydantic, only if needed
 
-            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, older, body.space))
+            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, body.space))
         options = Options(
             until=until,
             integrator=integrator,
@@ -244,7 +238,7 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
     fixed, prescribed, moment = system.supports.held, system.supports.values(Moment(t0, 1.0)), motion.moment(t0)
     gap = np.abs(prescribed - u[fixed])
     mesh, space = system.mesh, system.space
-    far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.most(float(np.abs(prescribed).max(initial=0.0))))]
+    far = fixed[gap > 1e-9 * (1e-3 * mesh.extent.max() + space.comm.most(float(np.abs(prescribed).max(initial=0.0))))]
     if len(far):
         vertices = name_ids(np.unique(mesh.node_numbers[far // mesh.d]), "vertex")
         text = (
@@ -259,7 +253,9 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         u, v = body.state(u, moment), body.state(v, moment)
     state = MotionState.at(t0, body.prescribe(u, moment), v, motion.force_rows)
     state.v[motion.free.fixed] = motion.constrained_velocities(t0, dt)
-    if not (space.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads or system.contacts):
+    if not (
+        space.comm.any(bool(state.u.any() or state.v.any())) or motion.moving or motion.pushed or system.loads or system.contacts
+    ):
         raise LoadError("Nothing moves the body: no load, nothing prescribed, u0 and v0 zero. Add Gravity(...), or give u0 or v0.")
     motion.store_forces(state)
     return state

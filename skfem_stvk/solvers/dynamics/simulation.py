@@ -19,6 +19,7 @@ from ...errors import StateError, StvkError, SupportError
 from ...mesh.locations import Where, vertices_at
 from ...results.contact_forces import ContactState, contact_state
 from ...results.reactions import ReactionPlace
+from ...results.state_files import MOTION_FILE
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
@@ -576,10 +577,10 @@ class Simulation:
         StvkError
             if the checkpoint is missing or damaged, or of another problem.
         """
-        from .motion_checkpoint import file_of, load  # imports pydantic, only if there are files
+        from .motion_checkpoint import load  # imports pydantic, only if there are files
         from .resumed import restored
 
-        file, body = file_of(path_of("path", path)), _body(system)
+        file, body = path_of("path", path) / MOTION_FILE, _body(system)
         saved = load(file, body.space)
         by_hand = saved.method.remove == rule_text(removed_by_hand)
         options = Options(until=inf, integrator=integrator, remove=removed_by_hand if by_hand else None)
@@ -635,5 +636,5 @@ def _with_removed_energy(ledger: Ledger, names: Sequence[str]) -> Ledger:
 def _body(system: System | ReducedLike) -> System | Coordinates:
     """Return the body of the states; refuse bodies that cannot be stepped."""
     body = checked_body(system)
-    refuse_divided(body.space, "Simulation(system)", "a body on one machine", "inputs and saved states are not exchanged.")
+    refuse_divided(body.space.comm, "Simulation(system)", "a body on one machine", "inputs and saved states are not exchanged.")
     return body

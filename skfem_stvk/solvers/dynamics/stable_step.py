@@ -151,7 +151,7 @@ class StableStep:
             self._warn(*self._with_friction(reviews.step, state), state.t)
             return dt, reviews
         step, reviews = self._computed(state, reviews)
-        if self._motion.states.any(bool(state.u.any())):  # a compressed body is soft, but will not stay compressed
+        if self._motion.states.comm.any(bool(state.u.any())):  # a compressed body is soft, but will not stay compressed
             step = min(step, self._largest.at(np.zeros_like(state.u), state.t).step)
         if not np.isfinite(step):
             raise StvkError(

@@ -110,7 +110,7 @@ class StepProblem(Equation):
             return np.take(linear, fixed, out=out, mode="clip")
 
     def residual(self, w: Array, t: Time) -> Residual:
-        if self._last is not None and not self.space.any(not np.array_equal(self._last[0], w)):  # the line search ended there
+        if self._last is not None and not self.space.comm.any(not np.array_equal(self._last[0], w)):  # the line search ended there
             return self._last[1]
         with self._watch("assemble"):
             loads = self.motion.loads(self._u0 + w, Moment.of(t).time)
@@ -122,7 +122,7 @@ class StepProblem(Equation):
             free = space.restrict(self.full)
             size = space.norm(free)
             if not np.isfinite(size + scale):
-                largest = self.states.most(float(np.abs(self.states.expand(self._u0 + w)).max()))
+                largest = self.states.comm.most(float(np.abs(self.states.expand(self._u0 + w)).max()))
                 raise StateError(f"The residual overflows at displacements of up to {largest:.1e}.")
             if size > SLOW * self._before:
                 self.matrix.with_tensions = False

@@ -11,7 +11,7 @@ from enum import Enum
 from types import FrameType
 from typing import Any
 
-from ...space import Space
+from ...space import ONE_PROCESS, Communicator
 
 #: Whether Ctrl-C was pressed, and whether an analysis is running that ends after its step then.
 _finish_requested = _steps_run = False
@@ -108,18 +108,18 @@ class _Requested(KeyboardInterrupt):
     """Interruption between two steps, which all parts of a divided body have together."""
 
 
-def stop_if_requested(space: Space | None = None) -> None:
-    """Raise KeyboardInterrupt if Ctrl-C was pressed, in a divided body on any rank of its `space`.
+def stop_if_requested(comm: Communicator = ONE_PROCESS) -> None:
+    """Raise KeyboardInterrupt if Ctrl-C was pressed, in a divided body on any rank.
 
     Analyses call this function after each step, when all output of the step is written.
     """
-    if _finish_requested if space is None else space.end_step(_finish_requested):
+    if comm.end_step(_finish_requested):
         raise _Requested
 
 
-def raise_if_divided(space: Space, error: BaseException) -> None:
+def raise_if_divided(comm: Communicator, error: BaseException) -> None:
     """Raise an error again if other ranks may not have it. They would wait for this rank forever."""
-    if space.divided and not isinstance(error, _Requested):
+    if comm.divided and not isinstance(error, _Requested):
         raise error
 
 

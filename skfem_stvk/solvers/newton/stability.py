@@ -57,7 +57,7 @@ def stability_of(problem: EigenProblem, u: Array, t: float) -> Verdict:
     """
     factors = problem.factorise(u, t)
     negative = problem.negative_pivots()
-    if problem.space.divided:
+    if problem.space.comm.divided:
         if negative is not None:
             return Verdict(not negative, negative)
         return _on_parts(problem, problem.solve(factors, problem.space.random(), 1e-4), u, t)

@@ -51,7 +51,7 @@ class Continuation(ABC):
         self._failed, self._clock = False, perf_counter()
         self._allowed = len(problem.inside_out(u0))
         self._point: Point | None = None  # user-supplied displacements may not be a state of the path
-        if not problem.states.any(bool(u0.any())):
+        if not problem.states.comm.any(bool(u0.any())):
             self._point = Point(u0, t0, None if problem.iterative else self._negative_at_rest(), None)
         problem.accept(u0, t0)
 
@@ -97,7 +97,7 @@ class Continuation(ABC):
         problem, u = self.problem, self._start(self.t)
         if self._allowed:  # the supports may invert more elements
             self._allowed = max(self._allowed, len(problem.inside_out(u)))
-        if not problem.states.any(bool(u.any())) and problem.residual(u, self.t).size == 0:
+        if not problem.states.comm.any(bool(u.any())) and problem.residual(u, self.t).size == 0:
             return None
         problem.accept(u, self.t)  # the supports may disturb the balance of `u0`
         outcome = self._newton(u, self.t, full_first=True)

@@ -86,7 +86,7 @@ class Equilibrium(Equation):
             if self.system.contacts:
                 scale += self.states.norm(self.system.contact_force(u, self.moment(t)))
             if not np.isfinite(size + scale):
-                largest = self.states.most(float(np.abs(self.states.expand(u)).max()))
+                largest = self.states.comm.most(float(np.abs(self.states.expand(u)).max()))
                 raise StateError(f"The residual overflows at displacements of up to {largest:.1e}.")
             return Residual(free, size, max(scale, SMALLEST_SCALE * self.largest))
 
@@ -109,7 +109,7 @@ class Equilibrium(Equation):
 
         The check is made for up to `COUNTED` unknowns, and `MOST_CHECKS` times on a path, but not for a divided body.
         """
-        if not self.iterative or self.space.n > COUNTED or not self._checks_left or self.space.divided:
+        if not self.iterative or self.space.n > COUNTED or not self._checks_left or self.space.comm.divided:
             return False
         self._checks_left -= 1
         counts = inertia(*self.matrix(u, t))
@@ -133,8 +133,8 @@ class Equilibrium(Equation):
         """Return the largest absolute row sum of K [N/m]; for an operator, twice the largest row sum of its diagonal blocks."""
         K = self.operator(u, t)
         if isinstance(K, csr_matrix):
-            return self.space.most(float(np.asarray(abs(K).sum(axis=1)).max(initial=0.0)))
-        return 2 * self.space.most(float(np.abs(K.diagonal_blocks()).sum(axis=2).max()))
+            return self.space.comm.most(float(np.asarray(abs(K).sum(axis=1)).max(initial=0.0)))
+        return 2 * self.space.comm.most(float(np.abs(K.diagonal_blocks()).sum(axis=2).max()))
 
     def energy_along(self, u: Array, v: Array, t: Time) -> Array:
         with self._watch("assemble"):

@@ -123,7 +123,7 @@ class LoadSteps(Continuation):
 
     def _extrapolated(self, t: float) -> Array | None:
         """Extrapolate the last two states to `t`; None if they are equal."""
-        if self._previous is None or not self.problem.states.any(not np.array_equal(self.u, self._previous[1])):
+        if self._previous is None or not self.problem.states.comm.any(not np.array_equal(self.u, self._previous[1])):
             return None
         t_before, u_before = self._previous
         return self.u + (t - self.t) / (self.t - t_before) * (self.u - u_before)
@@ -135,7 +135,7 @@ class LoadSteps(Continuation):
             if len(self.problem.inside_out(u)) <= self._allowed and self.problem.way_is_free(self.u, u, self.t):
                 return u
         move = self.problem.body.prescribe(self.u.copy(), t) - self.u
-        return self._moved_with_supports(move, t) if self.problem.states.any(bool(move.any())) else self.u + move
+        return self._moved_with_supports(move, t) if self.problem.states.comm.any(bool(move.any())) else self.u + move
 
     def _moved_with_supports(self, move: Array, t: float) -> Array:
         """Return the state with constrained degrees of freedom moved by `move`, and the others by the tangent's response."""
@@ -227,5 +227,5 @@ class JumpDetector:
         factors = problem.factorise(state.u, state.t)
         forces, moves = problem.change(state.u, state.t, t)
         solution = problem.solve(factors, forces, 1e-3)
-        finite = not problem.space.any(not np.isfinite(solution.x).all())
+        finite = not problem.space.comm.any(not np.isfinite(solution.x).all())
         return moves + problem.space.expand(solution.x) if usable(solution) and finite else None

@@ -142,9 +142,9 @@ class PathCheckpoint(FolderStore[StateHeader]):
 
     def add(self, step: Step, saved: dict[str, Any]) -> None:
         """Write a state and the state of the continuation after it."""
-        with in_all_parts(self.space):
+        with in_all_parts(self.space.comm):
             while self._old_files:  # last file first, so that the remaining files always form a path from its beginning
-                if self.space.leads:
+                if self.space.comm.leads:
                     remove_file(self._old_files[-1])
                 self._old_files.pop()
         about, arrays = _packed(step, saved)
@@ -250,7 +250,7 @@ def _check_equilibrium(system: System, u: Array, header: StateHeader, history: t
     step = header.step
     moment = Moment(step.t, step.t, step=StepStart(history, in_time=False))
     constrained, prescribed = system.supports.held, system.supports.values(step.t)
-    gap, *sizes = (system.space.most(float(np.abs(x).max(initial=0.0))) for x in (u[constrained] - prescribed, prescribed, u))
+    gap, *sizes = (system.space.comm.most(float(np.abs(x).max(initial=0.0))) for x in (u[constrained] - prescribed, prescribed, u))
     if gap > 1e-9 * sum(sizes):
         raise ValueError(f"its displacements differ from those of the supports at t = {step.t:g} by up to {gap:.3g} m")
     loads = system.external_force(u, step.t)

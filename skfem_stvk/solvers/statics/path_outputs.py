@@ -68,7 +68,7 @@ class PathProgress(Progress):
     """Progress of a path: a line for each state on standard output, and on a terminal a temporary bar; nothing if `quiet`."""
 
     def __init__(self, header: str, quiet: bool, space: Space) -> None:
-        super().__init__("statics", quiet or not space.prints, (BarColumn(), TimeElapsedColumn()))
+        super().__init__("statics", quiet, (BarColumn(), TimeElapsedColumn()))
         self._space = space
         self.show(total=1.0)
         self.print(header)
@@ -79,7 +79,7 @@ class PathProgress(Progress):
 
     def line(self, outcome: Step | Attempt) -> None:
         """Print a state that was found, now or by the resumed run, or a failed step."""
-        self.print(outcome.line(self._space.most(outcome.largest)) if isinstance(outcome, Step) else str(outcome))
+        self.print(outcome.line(self._space.comm.most(outcome.largest)) if isinstance(outcome, Step) else str(outcome))
         if isinstance(outcome, Step):
             self.show(completed=min(max(outcome.t, 0.0), 1.0))
             for point in outcome.critical:

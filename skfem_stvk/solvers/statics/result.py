@@ -188,7 +188,7 @@ class StaticResult:
             return write_vtu(path, self.state, fields)
         if not len(self.history):
             raise StvkError(f"There is no state to write to {path}: none was found.")
-        if self.system.space.divided:
+        if self.system.space.comm.divided:
             raise StvkError(
                 f"path = {arguments.shown(str(path))}; expected the path of a .pvtu file, for the last state of a body that is "
                 "divided into parts. For all states, use solve_static(..., save=...)."

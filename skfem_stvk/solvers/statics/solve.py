@@ -20,7 +20,7 @@ from ...results.monitors import Monitors
 from ...results.penetration import short_on_path
 from ...system import System
 from ...system.coordinates import Coordinates
-from ...system.divided import refuse_divided
+from ...system.divided import parts_line, refuse_divided
 from ...system.free_tangent import solver_for
 from ...system.protocol import ReducedLike, checked_system
 from ...system.signature import AUTO, sums_of
@@ -55,7 +55,6 @@ def solve_static(
     u0: ArrayLike | None = None,
     t0: float = 0.0,
     stability: bool = False,
-    ellipticity: bool = False,
     save: str | os.PathLike[str] | None = None,
     fields: Sequence[str] | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
@@ -93,8 +92,6 @@ def solve_static(
     stability
         Find the lowest eigenvalue of K at each state where the solver does not count negative eigenvalues. Direct solvers always
         count them.
-    ellipticity
-        Check each state for elements that have lost strong ellipticity.
     save
         Path of a .pvd file that is written as the states are found, with one .vtu file each. On several ranks, each state has a
         .pvtu file, and a .vtu file of each rank.
@@ -157,7 +154,6 @@ def solve_static(
         rtol=rtol,
         t0=t0,
         stability=stability,
-        ellipticity=ellipticity,
         output_files=OutputFiles.checked(save=save, fields=fields, checkpoint=checkpoint, resume=resume, overwrite=overwrite),
         quiet=quiet,
         raise_on_failure=raise_on_failure,
@@ -177,7 +173,6 @@ class StaticOptions:
     rtol: float
     t0: float
     stability: bool
-    ellipticity: bool
     output_files: OutputFiles
     quiet: bool
     raise_on_failure: bool
@@ -194,7 +189,7 @@ class StaticOptions:
         begin = number("t0", self.t0, "the load factor of u0, a number")
         if not self.arc_length and not begin < 1:
             raise StvkError(f"t0 = {shown(self.t0)}; expected less than 1, where load steps end.")
-        for name in ("stability", "ellipticity", "quiet", "raise_on_failure"):
+        for name in ("stability", "quiet", "raise_on_failure"):
             flag(name, getattr(self, name))
 
     @property
@@ -222,10 +217,10 @@ class StaticOptions:
         """Refuse options that a body which is divided into parts does not support."""
         if self.arc_length:
             factors = "the path is followed with factors of the whole K, which no part has."
-            refuse_divided(system.space, "method = 'arc-length'", "'load-steps'", factors)
+            refuse_divided(system.space.comm, "method = 'arc-length'", "'load-steps'", factors)
         if self.stability:
             eigenvalues = "eigenvalues of K are not computed, because no part has the whole K. Each result has a test of its state."
-            refuse_divided(system.space, "stability = True", "False", eigenvalues)
+            refuse_divided(system.space.comm, "stability = True", "False", eigenvalues)
 
     def signature(self, solver: str) -> dict[str, Any]:
         """Return the options that identify a problem in a checkpoint. `solver` is the name of the linear solver."""
@@ -247,7 +242,7 @@ def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
         raise StvkError(
             f"dtype = {system.dtype} of the system, whose residuals stop at 1e-6; expected float64: System(..., dtype=np.float64)."
         )
-    acted_on = system.loads or system.contacts or system.space.any(system.supports.prescribed.size > 0)
+    acted_on = system.loads or system.contacts or system.space.comm.any(system.supports.prescribed.size > 0)
     if u0 is None and not acted_on:
         raise LoadError(
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
@@ -276,13 +271,13 @@ class _Solve:
     def result(self) -> StaticResult:
         """Return the result, or raise the error that replaces it."""
         options, history, problem, body = self._options, self._history, self._problem, self._problem.body
-        solver, space = header_text(problem.tangent.solver, problem.space.divided), self._system.space
-        header = f"{body!r}, {problem.space.count} of them free; {solver}{space.parts}{remarks(self._system)}"
+        solver, space = header_text(problem.tangent.solver, problem.space.comm.divided), self._system.space
+        header = f"{body!r}, {problem.space.count} of them free; {solver}{parts_line(self._system.mesh)}{remarks(self._system)}"
         start = {"u0": sums_of(self._start, space)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
-        signed = AUTO if problem.space.divided and is_auto(options.solver) else self._requested_solver
+        signed = AUTO if problem.space.comm.divided and is_auto(options.solver) else self._requested_solver
         files = opened(options.output_files, self._system, options.signature(signed), start)
         with files as (write, checkpoint), PathProgress(header, options.quiet, space) as report:
-            monitors = Monitors(self._system, options.ellipticity)
+            monitors = Monitors(self._system)
             for finding in monitors.before():
                 warn(finding.text)
             path_options = ContinuationOptions(
@@ -295,12 +290,12 @@ class _Solve:
                 self._follow(continuation, write, checkpoint, report)
                 self._judge(problem, continuation)
             except (KeyboardInterrupt, Exception) as error:  # for example a full disk, a load's function: keep the states so far
-                raise_if_divided(space, error)
+                raise_if_divided(space.comm, error)
                 self._cause = error
         result = self._evaluated(problem, continuation)
         for text in _new_findings(history):
             warn(text)
-        space.end_step(False)  # issues the last warnings
+        space.comm.end_step(False)  # issues the last warnings
         if isinstance(self._cause, KeyboardInterrupt):
             raise Interrupted(result)
         expected = result.success or (options.arc_length and result.status is Status.UNSTABLE)
@@ -331,7 +326,7 @@ class _Solve:
                 checkpoint.add(outcome, continuation.saved())
                 continuation.problem.forget()
             if not continuation.reached:
-                stop_if_requested(self._system.space)
+                stop_if_requested(self._system.space.comm)
 
     def _note(self, outcome: Step | Attempt, write: Write, report: PathProgress) -> None:
         self._history.append(outcome)
@@ -344,7 +339,7 @@ class _Solve:
         """Check the stability of the last state; if the path stopped early, check whether its branch ends there."""
         history, t0 = self._history, float(self._options.t0)
         if not continuation.reached:
-            if len(history) and not history[-1].negative and not problem.space.divided:
+            if len(history) and not history[-1].negative and not problem.space.comm.divided:
                 self._branch = branch_end(problem, self._initial, t0, continuation.u, continuation.t)
             return
         last = history[-1]
@@ -379,7 +374,7 @@ class _Solve:
                 verdict=self._verdict,
                 inverted=problem.named(inverted),
                 branch=self._branch,
-                started=self._system.space.any(bool(self._start.any())),
+                started=self._system.space.comm.any(bool(self._start.any())),
                 cause=self._cause,
             )
         )

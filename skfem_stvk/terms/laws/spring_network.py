@@ -232,7 +232,7 @@ class SpringNetwork:
         whole = self._springs(mesh)
         # both springs of each pair have a stiffness
         used = np.arange(len(whole.own)) if whole.pairs.size else np.flatnonzero(whole.own)
-        if not mesh.space.any(len(used) > 0):
+        if not mesh.space.comm.any(len(used) > 0):
             raise MaterialError("The stiffness of all springs is zero; expected that of some to be positive.")
         own, edges = whole.own[used], whole.edges[:, used]
         without_elements = partial(self._without_elements, mesh, used)

@@ -56,7 +56,10 @@ class Gravity(Load):
         spread = spread_over(body, lambda one: one.mass)
         lumped = Nodes(body.mesh, spread.vertices, body.lumped_mass[spread.vertices])
         return Weight(
-            body.mesh, spread, lumped, Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g", divided=body.mesh.space.divided)
+            body.mesh,
+            spread,
+            lumped,
+            Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g", divided=body.mesh.space.comm.divided),
         )
 
 
@@ -102,7 +105,7 @@ class BodyForce(Load):
         return DeadLoad(
             body.mesh,
             spread,
-            Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force", divided=body.mesh.space.divided),
+            Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force", divided=body.mesh.space.comm.divided),
         )
 
 
@@ -145,7 +148,7 @@ class NodalLoad(Load):
         weights = body.mesh.space.counted(np.where(body.bare, 0.0, 1.0))[vertices]  # each node once in a divided body
         nodes = Nodes(body.mesh, vertices, None if weights.all() else weights)
         return DeadLoad(
-            body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force", divided=body.mesh.space.divided)
+            body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force", divided=body.mesh.space.comm.divided)
         )
 
 
@@ -193,7 +196,7 @@ class Traction(Load):
         return DeadLoad(
             body.mesh,
             spread,
-            Value(self.traction, (body.mesh.d,), spread.x, what, name="traction", divided=body.mesh.space.divided),
+            Value(self.traction, (body.mesh.d,), spread.x, what, name="traction", divided=body.mesh.space.comm.divided),
         )
 
 

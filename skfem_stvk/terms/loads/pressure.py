@@ -90,7 +90,7 @@ class Pressure(Load):
             vertices, sizes = in_value_order(mesh, self.where, surface), body.facet_sections(surface)  # 1 of solids
         spread = Spread(mesh, element, surface, sizes, vertices)
         return FollowerPressure(
-            mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure", divided=mesh.space.divided)
+            mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure", divided=mesh.space.comm.divided)
         )
 
 
@@ -191,7 +191,7 @@ def _membrane(mesh: ElementMesh, where: Any, what: str) -> tuple[NDArray[np.int3
             f"{what}: {mesh.element.name} in space are the surface themselves; expected the name of a subdomain, element ids or a "
             "mask, or None."
         )
-    if mesh.space.divided:
+    if mesh.space.comm.divided:
         raise LoadError(
             f"{what}: the mesh of {mesh.kind} is divided among ranks, so the side of elements on other ranks is not known; "
             "expected a solid, whose outside is known, or one rank."

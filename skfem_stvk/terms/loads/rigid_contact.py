@@ -273,7 +273,7 @@ class BoundRigidContact(BoundContact):
 
         The depth of a body of this speed, density and height is `v sqrt(rho h/k)`.
         """
-        total, half = self._body.mesh.space.total, self.contact.shape.thickness / 2
+        total, half = self._body.mesh.space.comm.total, self.contact.shape.thickness / 2
         k = total(float(self._weights.sum())) / total(float(self.areas.sum()))
         depth = impact / np.sqrt(k)
         if depth <= half:

@@ -319,26 +319,6 @@ def test_resume_starts_a_run_without_checkpoint_and_needs_a_folder(tmp_path):
         simulate(system, until=0.05, resume=True, quiet=True, **CALL)
 
 
-def test_files_and_paths_to_resume_are_accepted_until_1_0_with_a_warning(tmp_path):
-    scene, integrator = spinning(2), EnergyMomentum(0.01)
-    whole = scene.run(integrator, 0.2)
-    with pytest.warns(
-        StvkWarning, match=r"checkpoint = '.*run\.npz' is supported until version 1\.0; expected a folder: checkpoint='.*run'"
-    ):
-        scene.run(integrator, 0.1, checkpoint=tmp_path / "run.npz")
-    assert [file.name for file in tmp_path.iterdir()] == ["run.npz"]
-    shutil.copy(tmp_path / "run.npz", tmp_path / "motion.npz")
-    with pytest.warns(StvkWarning, match=r"resume = '.*' is supported until version 1\.0.*checkpoint='.*', resume=True"):
-        again = simulate(scene.system, resume=tmp_path / "run.npz", until=0.2, quiet=True)
-    np.testing.assert_array_equal(again.u, whole.u)
-    with pytest.warns(StvkWarning, match=r"resume = '.*' is supported until version 1\.0"):
-        again = simulate(scene.system, resume=tmp_path, until=0.2, checkpoint=tmp_path / "to", quiet=True)
-    np.testing.assert_array_equal(again.u, whole.u)
-    assert load(tmp_path / "motion.npz").ledger.steps == 11 and load(tmp_path / "to" / "motion.npz").ledger.steps == 21
-    with pytest.warns(StvkWarning), pytest.raises(StvkError, match="There is no checkpoint"):
-        simulate(scene.system, resume=tmp_path / "nowhere", until=0.2, quiet=True)
-
-
 def moved(tmp_path):
     """Return the scene of a run with a series, and the folder to which its checkpoint was moved."""
     scene = spinning(2)

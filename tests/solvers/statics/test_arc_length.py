@@ -423,7 +423,7 @@ def test_states_beyond_another_stop_are_not_resumed(tmp_path):
         solve_static(bar(), stop=Stop(load=0.01), resume=True, **call)
 
 
-@pytest.mark.parametrize("name", ["resume", "stability", "ellipticity"])
+@pytest.mark.parametrize("name", ["resume", "stability"])
 def test_switches_are_true_or_false(name):
     with pytest.raises(StvkError, match=f"{name} = 'yes'; expected True or False"):
         solve_static(bar(), **{name: "yes"}, **OPTIONS)

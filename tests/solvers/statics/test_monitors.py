@@ -39,7 +39,7 @@ def named(findings):
 @pytest.mark.parametrize("amount", [0.0, 0.01])
 def test_a_slightly_deformed_body_has_no_findings(name, amount):
     mesh, terms = BODIES[name]
-    assert Monitors(System(mesh, terms), ellipticity=True).at(state(mesh, amount)) == ()
+    assert Monitors(System(mesh, terms)).at(state(mesh, amount)) == ()
 
 
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
@@ -47,7 +47,7 @@ def test_inverted_and_compressed_elements_are_named_in_all_regions(name):
     mesh = MESHES[name]
     system, _ = in_regions(mesh, Isotropic(1.0, 0.2), Isotropic(2.0, 0.4))
     u = state(mesh, 0.4 if mesh.k == 3 else 0.8)
-    found, now = named(Monitors(system, ellipticity=False).at(u)), Fields(mesh, system.elastic_terms).at(u)
+    found, now = named(Monitors(system).at(u)), Fields(mesh, system.elastic_terms).at(u)
     J, stretches = np.asarray(now["volume_ratio"]), np.asarray(now["principal_stretches"])[:, : mesh.k].min(axis=1)
     if name == "triangles":  # stretches within the plane; those across are 1
         stretches = np.linalg.svd(now.responses[0].gradient + np.eye(2), compute_uv=False)[:, -1]
@@ -63,7 +63,7 @@ def test_inverted_and_compressed_elements_are_named_in_all_regions(name):
 
 def test_the_limit_is_one_over_the_root_of_three_and_zero():
     mesh = MESHES["tetrahedra"]
-    monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=False)
+    monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)))
 
     def names(s):
         return [finding.name for finding in monitors.at(((s - 1) * mesh.p * [[1], [0], [0]]).ravel("F"))]
@@ -75,23 +75,10 @@ def test_the_limit_is_one_over_the_root_of_three_and_zero():
 @pytest.mark.parametrize("name", ["membrane", "cable"])
 def test_membranes_and_cables_may_be_compressed_but_not_inverted(name):
     mesh = MESHES[name]
-    monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=True)
+    monitors = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)))
     (finding,) = monitors.at(-1.4 * mesh.p.ravel("F"))
     assert finding.name == "compressed" and len(finding.elements) == mesh.nt and finding.extreme == pytest.approx(0.4)
     assert "wrinkle" in finding.text and "VolumePenalty" not in finding.text
-
-
-def test_lost_ellipticity_is_found_if_requested():
-    mesh = MESHES["tetrahedra"]
-    system, (firm, *lost) = in_regions(mesh, Isotropic(1.0, 0.1), Isotropic(3.0, 0.45), Isotropic(1.0, 0.45))
-    s = 0.85  # hydrostatic: sqrt((1 + nu)/(2 - nu)) is 0.761 and 0.967
-    u = (s - 1) * mesh.p.ravel("F")
-    assert Monitors(system, ellipticity=False).at(u) == ()
-    (finding,) = Monitors(system, ellipticity=True).at(u)
-    assert finding.name == "not elliptic" and np.array_equal(finding.elements, np.setdiff1d(np.arange(mesh.nt), firm))
-    assert len(lost[0]) and len(lost[1]) and np.allclose(Fields(mesh, system.elastic_terms).at(u)["principal_stretches"], s)
-    mu = 3.0 / 2.9
-    assert finding.extreme == pytest.approx(3.0 / 0.1 * (s**2 - 1) / 2 + mu * s**2, rel=1e-9)
 
 
 def test_elements_that_lock_are_named_in_all_regions():
@@ -99,7 +86,7 @@ def test_elements_that_lock_are_named_in_all_regions():
     n = len(np.array_split(np.arange(mesh.nt), 3)[1])
     many = Isotropic(1.0, np.linspace(0.4, 0.49, n))
     system, parts = in_regions(mesh, Isotropic(1.0, 0.45), many, Isotropic(1.0, 0.4999))
-    (finding,) = Monitors(system, ellipticity=False).before()
+    (finding,) = Monitors(system).before()
     assert finding.name == "locking" and finding.extreme == 0.4999
     wanted = np.concatenate([parts[1][many.poisson > 0.45], parts[2]])
     assert np.array_equal(finding.elements, np.sort(wanted)) and 0 < len(wanted) - len(parts[2]) < n
@@ -109,16 +96,16 @@ def test_elements_that_lock_are_named_in_all_regions():
 
 @pytest.mark.parametrize("nu", [-0.5, 0.3, 0.45, 0.4501])
 def test_only_poissons_ratios_above_the_limit_lock(nu):
-    found = Monitors(System(MESHES["tetrahedra"], StVK(young=1.0, poisson=nu)), ellipticity=False).before()
+    found = Monitors(System(MESHES["tetrahedra"], StVK(young=1.0, poisson=nu))).before()
     assert len(found) == (nu > 0.45)
 
 
 def test_plane_strain_locks_and_plane_stress_membranes_and_cables_do_not():
     term, mesh = StVK(young=1.0, poisson=0.499), MESHES["triangles"]
-    assert len(Monitors(System(mesh, term), ellipticity=False).before()[0].elements) == mesh.nt
+    assert len(Monitors(System(mesh, term)).before()[0].elements) == mesh.nt
     for name, options in (("triangles", {"plane": "stress"}), ("membrane", {}), ("cable", {}), ("segments", {})):
         system = System(MESHES[name], StVK(young=1.0, poisson=0.499, **options))
-        assert Monitors(system, ellipticity=False).before() == ()
+        assert Monitors(system).before() == ()
 
 
 @pytest.mark.parametrize("nu", [-0.3, 0.0, 0.3, 0.49])
@@ -166,29 +153,28 @@ def test_rubber_with_fibres_locks():
     rubber = np.diag([2 * mu] * 3 + [mu] * 3)
     rubber[:3, :3] += lam
     term = StVK(Anisotropic(rubber + fibre, frame=random_frames(mesh.nt, np.random.default_rng(1))))
-    (finding,) = Monitors(System(mesh, term), ellipticity=False).before()
+    (finding,) = Monitors(System(mesh, term)).before()
     assert finding.name == "locking" and len(finding.elements) == mesh.nt
 
 
 def test_texts_have_finding_location_and_remedy():
     mesh = box(1)
     system = System(mesh, StVK(young=1.0, poisson=0.47))
-    (locking,) = Monitors(system, ellipticity=False).before()
+    (locking,) = Monitors(system).before()
     centre = ", ".join(f"{x:.4g}" for x in mesh.p[:, mesh.t[:, 0]].mean(axis=1))
     assert f"6 elements (0, 1, 2, 3, 4, ...), the first at ({centre}) at rest" in locking.text
     for word in ("0.47", "lock", "finer mesh", "smaller Poisson's ratio", "degree=2"):
         assert word in locking.text
-    found = named(Monitors(system, ellipticity=True).at(-1.3 * mesh.p.ravel("F")))
-    assert set(found) == {"inside out", "compressed", "not elliptic"}
+    found = named(Monitors(system).at(-1.3 * mesh.p.ravel("F")))
+    assert set(found) == {"inside out", "compressed"}
     assert "VolumePenalty" in found["inside out"].text and "J down to -0.027" in found["inside out"].text
     assert "VolumePenalty" in found["compressed"].text and "down to 0.3" in found["compressed"].text
-    assert "depend on the mesh" in found["not elliptic"].text
 
 
 def test_a_volume_penalty_is_not_recommended_if_used():
     mesh = box(1)
     system = System(mesh, [StVK(young=1.0, poisson=0.3), VolumePenalty(kind="compression")])
-    for finding in Monitors(system, ellipticity=True).at(-1.3 * mesh.p.ravel("F")):
+    for finding in Monitors(system).at(-1.3 * mesh.p.ravel("F")):
         assert "add a VolumePenalty" not in finding.text and "or a VolumePenalty" not in finding.text
 
 
@@ -199,7 +185,7 @@ def test_only_elements_in_a_term_are_monitored():
     u[used] = -1.4 * mesh.p.T[used]
     with pytest.warns(StvkWarning, match="in no term"):
         system = System(mesh, StVK(young=1.0, poisson=0.3, region=np.arange(5)))
-    for finding in Monitors(system, ellipticity=True).at(u.ravel()):
+    for finding in Monitors(system).at(u.ravel()):
         assert np.array_equal(finding.elements, np.arange(5))
 
 
@@ -210,7 +196,7 @@ def test_without_findings_no_lists_of_elements_are_computed(monkeypatch):
     (term,) = system.bound_terms
     for name in ("volume_ratios", "smallest_stretches"):
         monkeypatch.setattr(term, name, lambda u: pytest.fail("a list was made"))
-    assert Monitors(system, ellipticity=False).at(state(mesh, 0.02)) == ()
+    assert Monitors(system).at(state(mesh, 0.02)) == ()
 
 
 def test_a_solve_warns_from_which_load_the_model_is_unreliable():
@@ -222,7 +208,7 @@ def test_a_solve_warns_from_which_load_the_model_is_unreliable():
 
 def test_a_finding_in_a_mesh_of_one_element_has_its_location():
     mesh = ElementMesh(np.array([[0.0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 2]]), np.array([[0], [1], [2], [3]]))
-    (finding,) = Monitors(System(mesh, StVK(young=1.0, poisson=0.3)), ellipticity=False).at(-0.5 * mesh.p.ravel("F"))
+    (finding,) = Monitors(System(mesh, StVK(young=1.0, poisson=0.3))).at(-0.5 * mesh.p.ravel("F"))
     assert finding.text.startswith("1 element (0), the first at (0.25, 0.25, 0.5) at rest: compressed")
 
 
@@ -230,12 +216,12 @@ def test_a_finding_in_a_mesh_of_one_element_has_its_location():
 def test_elements_with_several_points_are_monitored_at_points_and_volumes_also_at_nodes(name):
     mesh = CURVED[name]
     system = System(mesh, StVK(young=1.0, poisson=0.47))
-    locking = Monitors(system, ellipticity=True).before()
+    locking = Monitors(system).before()
     assert [finding.name for finding in locking] == (["locking"] if mesh.element.shape.one_point and mesh.k == mesh.d else [])
     assert not locking or "one-point" in locking[0].text
-    found = named(Monitors(system, ellipticity=True).at(-0.5 * mesh.p.ravel("F")))
+    found = named(Monitors(system).at(-0.5 * mesh.p.ravel("F")))
     assert "compressed" in found and found["compressed"].extreme == pytest.approx(0.5, rel=1e-9)
     assert len(found["compressed"].elements) == mesh.nt and "inside out" not in found
     if mesh.k == mesh.d:
-        inverted = named(Monitors(system, ellipticity=False).at(-1.3 * mesh.p.ravel("F")))
+        inverted = named(Monitors(system).at(-1.3 * mesh.p.ravel("F")))
         assert ("inside out" in inverted) == (mesh.d != 2) and "compressed" in inverted

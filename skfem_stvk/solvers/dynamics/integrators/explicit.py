@@ -180,7 +180,7 @@ class VelocityVerletStepper(ExplicitStepper):
 
     def start(self, state: MotionState) -> None:
         super().start(state)
-        if not self.motion.states.any(bool(state.a.any())):
+        if not self.motion.states.comm.any(bool(state.a.any())):
             force = self.external(state.u, state.v, state.t) - self.internal
             np.multiply(self.inverse, force, out=state.a)
 

@@ -64,7 +64,7 @@ class Implicit(Integrator):
 
     def linear_solver(self, motion: Motion) -> LinearSolver:
         """Return the linear solver. It uses a matrix if the mass couples vertices, or for SSOR with several terms."""
-        kind, divided = kind_of_step(motion.system, StepTangent(self.tangent)), motion.system.space.divided
+        kind, divided = kind_of_step(motion.system, StepTangent(self.tangent)), motion.system.space.comm.divided
         named, entries = self._named(motion.system, kind), entries_of(motion.system)
         solver = choose(named, len(motion.free.free), kind, entries=entries, divided=divided)
         if StepTangent(self.tangent) not in (StepTangent.DIAGONAL, StepTangent.REST):
@@ -73,7 +73,7 @@ class Implicit(Integrator):
             return solver
         if motion.mass.kind == "consistent":
             what = f"mass = 'consistent' with solver = '{solver.name}'"
-            refuse_divided(motion.system.space, what, "'lumped', or solver='petsc'", "a consistent mass requires a matrix.")
+            refuse_divided(motion.system.space.comm, what, "'lumped', or solver='petsc'", "a consistent mass requires a matrix.")
         own = solver if isinstance(solver, BlockJacobiCg) else SsorCg()
         first, *others = motion.system.bound_terms
         several = isinstance(solver, SsorCg) and not all(couples_pairs_of(first, term) for term in others)
@@ -83,7 +83,7 @@ class Implicit(Integrator):
         """Return the requested solver: conjugate gradients for diagonal blocks, and by default if they are fast."""
         if StepTangent(self.tangent) is StepTangent.DIAGONAL:
             return "block-jacobi-cg"
-        if system.space.divided:
+        if system.space.comm.divided:
             return "block-jacobi-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.starts_near else self.solver
         return "ssor-cg" if is_auto(self.solver) and kind is Kind.SYMMETRIC and self.iterates(system) else self.solver
 
@@ -147,7 +147,7 @@ class ImplicitStepper(Stepper):
     def start(self, state: MotionState) -> None:
         """Evaluate the acceleration if the integrator needs it."""
         self.problem.forget()
-        if self.integrator.needs_acceleration and not self.motion.states.any(bool(state.a.any())):
+        if self.integrator.needs_acceleration and not self.motion.states.comm.any(bool(state.a.any())):
             state.a[:] = self.motion.accelerations(state.u, state.v, state.t)
 
     def step(self, state: MotionState, t: float) -> None:
