@@ -1,11 +1,11 @@
-"""W, F and K of energies that are a sum over elements, and the volumes of those elements. Laws register further methods."""
+"""W, F and K of energies that are a sum over elements, and the volumes of those elements; laws are subclasses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -15,18 +15,18 @@ from ..errors import StateError, name_ids
 from ..kernels import element_assembly as element_kernels
 from ..kernels import node_blocks as block_kernels
 from ..kernels import volumes as volume_kernels
-from ..kernels.corotated_law import WarpedLaw
 from ..kernels.lanes import LANES, MeanPoints, Points
 from ..kernels.rows import PairSlots, RowSlots
 from ..kernels.threads import locked, run
+from .bound_term import BoundElements
 from .elements import KernelElements, Quadrature, nbytes, simplex_quadrature
 from .pairs import ALL, BlockPattern, Linearized, PairBlocks, PairTerm, Tensions
-from .stiffness import StoredLaw, flat_of
+from .stiffness import StoredLaw
 from .streaming import ElementRows
 from .topology import kernel_order, out_of_lanes, pairs_of
 
 
-class Assembly(PairTerm):
+class Assembly(BoundElements, PairTerm):
     """Energy of a law at the points of elements, and the changes of the elements' volumes.
 
     Volume ratios are below zero for inverted elements, for either numbering of the nodes. For surfaces in space, and for segments
@@ -50,9 +50,7 @@ class Assembly(PairTerm):
         (nt,) ids of the elements, for messages; by default 0, 1, ...
     """
 
-    symmetric = balanced = has_energy = True
-    #: Whether linear simplices have an edge form, so that edges have tensions, and K at rest can be rotated with elements.
-    by_edges = False
+    removable = True
 
     def __init__(
         self,
@@ -79,8 +77,6 @@ class Assembly(PairTerm):
             last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # its unused lanes have no stiffness
         self.removed: NDArray[np.bool_] | None = None
         self._t_of_volumes = self.elements.t
-        if self.by_edges:
-            self.simplices = p, t
         if stored.infinite_energy:  # for its messages
             self._ids = np.arange(t.shape[1]) if elements is None else elements
 
@@ -160,10 +156,7 @@ class Assembly(PairTerm):
 
     def _linearize(self, to: PairSlots | RowSlots, kept: Tensions, force: Array | None) -> list[tuple[float, float]]:
         """Do the same as `_energies`, write the blocks of the edges to `to`, and return energy and trace of K by part."""
-        law, elements = self.law, self.elements
-        if kept.warped and self.by_edges:
-            law = WarpedLaw(law.D, law, flat_of(elements.k, elements.d))
-        return self.run(element_kernels.linearize, force, float(kept.positive), float(kept.negative), law=law, to=(to,))
+        return self.run(element_kernels.linearize, force, float(kept.positive), float(kept.negative), to=(to,))
 
     def _total(self, found: list[tuple[float, float]]) -> tuple[float, float]:
         """Return the energy and the trace of K, summed over all parts."""
@@ -182,10 +175,7 @@ class Assembly(PairTerm):
 
     @locked
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        """Return the blocks `K_ab` (9 ne,) of the edges, as in `PairTerm`, with extra space for the sums of threads.
-
-        With an edge form they are `K = 2 J' L J + sum g t Lap (x) I`. `g` are the factors of `kept` for tensions `t`.
-        """
+        """Return the blocks `K_ab` (9 ne,) of the edges, as in `PairTerm`, with extra space for the sums of threads."""
         elements = self.elements
         to, total = elements.block_shares, elements.edges.total
         size = 9 * (total + len(to.extra))
@@ -195,31 +185,13 @@ class Assembly(PairTerm):
         slots = PairSlots(to.slots.reshape(elements.edges.t2e.shape), elements.edges.marks, blocks)
         W, _ = self._total(self._linearize(slots, kept, force))
         block_kernels.fold(blocks, total, to.extra, 9)
-        if not self.by_rows(kept):
-            less = kept.positive - kept.negative
-            run(block_kernels.reduce_negative_tensions, self.pairs.products.parts, self.kernel_tensions(), less, blocks)
         return W, blocks
-
-    def kernel_tensions(self) -> Array:
-        """Return the tensions of the edges in their own order, at the displacements gathered last."""
-        elements = self.elements
-        to, total = elements.block_shares, elements.edges.total
-        t = elements.own.scratch("t", total + len(to.extra), self.dtype)
-        t[total:] = 0
-        slots = to.slots.reshape(elements.edges.t2e.shape)
-        arrays = elements.t.ravel(), slots, elements.edges.marks, self.law, elements.X, elements.u
-        run(element_kernels.tensions, elements.force_shares.parts, *arrays, t)
-        block_kernels.fold(t, total, to.extra, 1)
-        return t[:total]
 
     def rows(self, pattern: BlockPattern) -> ElementRows:
         return ElementRows(self.elements, self.pairs, pattern, self.dtype)
 
     def by_rows(self, kept: Tensions) -> bool:
-        """Return whether `fill` works row by row, as in `PairTerm`. Signs of edge tensions are known only after all elements are
-        added.
-        """
-        return not self.by_edges or kept.negative == kept.positive or self.points is not None
+        return True
 
     @locked
     def fill(
@@ -291,15 +263,6 @@ class Assembly(PairTerm):
         parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.elements.memory()
         parts["elements"] += self._D.nbytes
         return parts | {"blocks of edges": nbytes(list(self._scratch.values()))}
-
-
-def offering(module: str, name: str, **abilities: Any) -> type[Assembly]:
-    """Return the assembly class of a law that has methods in addition to W, F and K.
-
-    The law registers functions under the names in `terms.protocols`, and flags of the class. Each function takes the assembly as
-    its first argument. `module` and `name` say where the result is assigned, so that pickles find it.
-    """
-    return cast(type[Assembly], type(name, (Assembly,), {"__module__": module, "__doc__": Assembly.__doc__, **abilities}))
 
 
 def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], infinite_energy: str) -> None:

@@ -18,6 +18,7 @@ from ..kernels.lanes import TRANSPOSED
 from ..kernels.networks import EDGES, SPARE
 from ..kernels.simplex_topology import lexicographic_order
 from ..kernels.threads import locked, parts_of, run, threads
+from .bound_term import BoundTerm
 from .elements import KernelVertices, nbytes
 from .pairs import ALL, PairBlocks, PairTerm, Tensions
 from .topology import Ids, KernelEdges, Shares, shares_of, vertex_order
@@ -29,7 +30,7 @@ EDGE, PAIR = 0.25, 0.1
 AnyElementNetwork = TypeVar("AnyElementNetwork", bound="ElementNetwork")
 
 
-class Network(PairTerm):
+class Network(BoundTerm, PairTerm):
     """Energy `W = 1/2 sum A_ij z_i z_j` over edges and pairs of edges, with an elongation `z` of each edge (`kernels.networks`).
 
     Parameters
@@ -46,7 +47,7 @@ class Network(PairTerm):
         Type of results and of stored numbers.
     """
 
-    symmetric = balanced = has_energy = True
+    has_mean_force = damped = True
     by_length: ClassVar[bool]
 
     def __init__(self, p: Array, edges: Ids, pairs: Ids, own: Array, between: Array, *, dtype: DTypeLike = np.float64) -> None:
@@ -203,8 +204,7 @@ class Network(PairTerm):
 
     @locked
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add the force of the mean tensions of two states, along the edges in between, to `force` (nv, d) [N], as in
-        `HasMeanForce`.
+        """Add the force of the mean tensions of two states, along the edges in between, to `force` (nv, d) [N].
 
             s = A (w0 z(u0) + w1 z(u1))        along the mean slopes that take z(u0) to z(u1)
 
@@ -249,6 +249,8 @@ class Network(PairTerm):
 class ElementNetwork(Network):
     """Network of elements that can be removed: `remaining(removed)` returns the coefficients without a mask (n,) of elements."""
 
+    removable = True
+
     def __init__(self, *network: Any, remaining: Callable[[NDArray[np.bool_]], tuple[Array, Array]], **options: Any) -> None:
         self._remaining = remaining
         super().__init__(*network, **options)
@@ -270,6 +272,7 @@ class QuarticNetwork(Network):
     """Network with `z = |p|^2 - |P|^2` and `A = L/2`: `W = 1/4 sum L_ij z_i z_j`, a quartic along any line."""
 
     by_length = False
+    quartic = True
 
     def _mean_slopes(self, g: Array, first: Array, last: Array, between: Array) -> Array:
         return g

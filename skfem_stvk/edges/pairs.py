@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -58,7 +57,7 @@ class Tensions(NamedTuple):
     def of(self, term: Any) -> tuple[float, Tensions]:
         """Return the factor of a term's K, and the tensions in that K. The product has the tensions without the factor `damped`."""
         whole = self._replace(damped=1.0)
-        if self.damped == 1 or not hasattr(getattr(term, "term", term), "damping_force"):
+        if self.damped == 1 or not term.damped:
             return 1.0, whole
         return self.damped, whole._replace(positive=self.positive / self.damped, negative=self.negative / self.damped)
 
@@ -349,46 +348,10 @@ def blocks_between(term: Any, nv: int, d: int, dtype: DTypeLike) -> PairBlocks:
     return GeneralBlocks(own, edges, d, nodes, term.symmetric)
 
 
-class BoundTerm(Protocol):
-    """Elastic term on a body that couples pairs of vertices and has a force. Each is also a `BlockTerm` or a `PairTerm`.
-
-    A term with the attribute `constant_tangent`, which is True, has the same K at all displacements, so K is factorised once.
-
-    Attributes
-    ----------
-    symmetric
-        Whether `K_ba = K_ab'`; if not, the term supplies both.
-    balanced
-        Whether the rows of K sum to zero, so that `K_aa = -sum_b K_ab`; if not, the term supplies those of its `nodes` (m,).
-    has_energy
-        Whether the force is the gradient of an energy; if not, `energy_and_force` returns 0.
-    """
-
-    symmetric: bool
-    balanced: bool
-    has_energy: bool
-
-    @property
-    def nodes_paired(self) -> NDArray[np.int32]:
-        """Pairs of vertices `a < b` (2, n) that the term couples, each once, in any order."""
-
-    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Return the strain energy [J] at displacements `u` (nv, d); add the internal force [N] to `force` (nv, d)."""
-
-
-@runtime_checkable
-class BlockTerm(BoundTerm, Protocol):
-    """Term with the fewest methods: it adds the blocks of its pairs to arrays that the caller supplies."""
-
-    def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
-        """Add the blocks of K [N/m] at `u` (nv, d).
-
-        `kept`: which tensions K includes; a term without tensions may always add all of K.
-        """
-
-
 class PairTerm(ABC):
     """Term with a stiffness in blocks of node pairs. Calls wait for its `lock`, because its arrays are in use during a call."""
+
+    damped: bool
 
     def __init__(self, lock: CopyableLock) -> None:
         self._lock = lock
@@ -398,10 +361,6 @@ class PairTerm(ABC):
     @abstractmethod
     def pairs(self) -> PairBlocks:
         """Products and matrices of the blocks."""
-
-    @abstractmethod
-    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Return the strain energy [J] at displacements `u` (nv, d) [m]; add the internal force `dW/du` [N] to `force` (nv, d)."""
 
     @abstractmethod
     def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
@@ -421,6 +380,15 @@ class PairTerm(ABC):
         W, filled = self.blocks(u, force, self._scratch.get("blocks"), kept)
         self._scratch["blocks"] = filled
         return Linearized(W, self.pairs.fill(rows, filled, add, data))
+
+    def with_term(self, term: Any) -> PairTerm:
+        """Return the blocks of another `term` that couples the same pairs."""
+        other: PairTerm = term
+        return other
+
+    def own_memory(self) -> int:
+        """Return the bytes of arrays of blocks that the term itself does not report."""
+        return 0
 
     def by_rows(self, kept: Tensions) -> bool:
         """Return whether `fill` makes K row by row. If so, it also writes a part of K, with `rows(pattern).part(indices)`."""
@@ -445,12 +413,12 @@ class AccumulatedBlocks:
 
     def __init__(self, term: Any, nv: int, d: int, dtype: DTypeLike) -> None:
         self.term, self._space = term, (nv, d, dtype)
-        self._made = {version_of(term): blocks_between(term, *self._space)}  # the last one; the term at another time shares it
+        self._made = {term.pattern_version: blocks_between(term, *self._space)}  # the last one; the term at another time shares it
 
     @property
     def pairs(self) -> PairBlocks:
         """Products and matrices of the blocks."""
-        version, made = version_of(self.term), self._made
+        version, made = self.term.pattern_version, self._made
         pairs = made.get(version)
         if pairs is None:
             pairs = blocks_between(self.term, *self._space)
@@ -475,62 +443,3 @@ class AccumulatedBlocks:
         self.term.add_blocks(u, t, pairs.zeroed(blocks))
         pairs.complete(blocks)
         pairs.fill(rows, blocks, True, data)
-
-
-class AccumulatedTerm(AccumulatedBlocks, PairTerm):
-    """Term that adds its blocks to arrays, with these arrays."""
-
-    def __init__(self, term: BlockTerm, nv: int, d: int, dtype: DTypeLike) -> None:
-        AccumulatedBlocks.__init__(self, term, nv, d, dtype)
-        PairTerm.__init__(self, CopyableLock())
-
-    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        return self.term.energy_and_force(u, force)
-
-    def blocks(self, u: Array, force: Array | None = None, out: Array | None = None, kept: Tensions = ALL) -> tuple[float, Array]:
-        look_at([self.term], u)
-        pairs = self.pairs
-        blocks = np.empty(pairs.size, dtype=pairs.own.dtype) if out is None or len(out) != pairs.size else out
-        self.term.add_blocks(u, pairs.zeroed(blocks), kept)
-        pairs.complete(blocks)
-        return 0.0 if force is None else self.term.energy_and_force(u, force), blocks
-
-
-def with_blocks(term: BoundTerm, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
-    """Return the term with its blocks, on a mesh of `nv` vertices in `d` dimensions; refuse a term without blocks."""
-    if isinstance(term, PairTerm):
-        return term
-    if not isinstance(term, BlockTerm):
-        raise StvkError(
-            f"{type(term).__name__} is no elastic term; expected symmetric, balanced, has_energy, nodes_paired, "
-            "energy_and_force(u, force) and add_blocks(u, blocks, kept), as in skfem_stvk.edges.pairs.BlockTerm. An external force "
-            "is a Load."
-        )
-    return AccumulatedTerm(term, nv, d, dtype)
-
-
-def couples_pairs_of(first: Any, term: Any) -> bool:
-    """Return whether a term couples no other nodes than `first`, with symmetric blocks: products with K then need no matrix."""
-    if not term.symmetric or hasattr(term, "look"):
-        return False
-    pairs, known = (one.nodes_paired.astype(np.int64) for one in (term, first))
-    count = max(pairs.max(initial=0), known.max(initial=0)) + 1
-    return not pairs.size or (not term.balanced and bool(np.isin(pairs[0] * count + pairs[1], known[0] * count + known[1]).all()))
-
-
-def joined(term: Any) -> NDArray[np.int32]:
-    """Return the pairs of vertices (2, n) that a term joins: `nodes_paired`, unless elements were removed from it."""
-    pairs: NDArray[np.int32] = getattr(term, "nodes_joined", term.nodes_paired)
-    return pairs
-
-
-def version_of(term: Any) -> int:
-    """Return how often the pairs that a term couples have changed."""
-    return int(getattr(term, "pattern_version", 0))
-
-
-def look_at(terms: Iterable[Any], u: Array) -> None:
-    """Let the terms whose pairs follow the body couple those that their stiffness at `u` (nv, d) contains."""
-    for term in terms:
-        if hasattr(term, "look"):
-            term.look(u)

@@ -8,18 +8,27 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..mesh import ElementMesh
 from .assembly import Assembly
+from .bound_term import BoundElements
 from .elements import Quadrature
 from .pairs import ALL, NodeBlocks, Tensions
 
 
-class WithoutEnergy:
+class WithoutEnergy(BoundElements):
     """Force on elements that is not the gradient of an energy; volumes are those of the elements of an assembly."""
 
-    symmetric = has_energy = False
+    symmetric = balanced = has_energy = False
 
     def __init__(self, of: Assembly) -> None:
         self._of, self.nodes_paired = of, of.nodes_paired
-        self.volume_ratios, self.smallest_volume_ratio, self.step_limit = of.volume_ratios, of.smallest_volume_ratio, of.step_limit
+
+    def volume_ratios(self, u: Array) -> NDArray[np.float64]:
+        return self._of.volume_ratios(u)
+
+    def smallest_volume_ratio(self, u: Array) -> float:
+        return self._of.smallest_volume_ratio(u)
+
+    def step_limit(self, u: Array, v: Array) -> float:
+        return self._of.step_limit(u, v)
 
 
 class VertexWarping(WithoutEnergy):
@@ -37,8 +46,6 @@ class VertexWarping(WithoutEnergy):
     of
         The assembly that supplies K at rest.
     """
-
-    balanced = False
 
     def __init__(self, mesh: ElementMesh, t: NDArray[np.int32], of: Assembly) -> None:
         super().__init__(of)

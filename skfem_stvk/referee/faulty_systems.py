@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from ..arguments import Array
 from ..edges import Assembly
-from ..edges.abilities import STVK
+from ..edges.bound_laws import BoundStVK
 from ..edges.materials import Anisotropic, FramedMaterial, Hypothesis, Isotropic
 from ..edges.stiffness import GeneralStiffness
 from ..edges.topology import LOCAL_EDGES
@@ -73,7 +73,7 @@ class AlteredTerm:
     def bind(self, body: Body, dtype: DTypeLike = np.float64) -> Assembly:
         mesh, coefficients = body.mesh, self.term.coefficients(body.mesh).copy()
         self.change(coefficients, mesh)
-        return STVK(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(lambda: coefficients), None, dtype)
+        return BoundStVK(mesh.p, mesh.t[:, mesh.elements(self.term.region)], GeneralStiffness(lambda: coefficients), None, dtype)
 
 
 def with_coefficients(change: Callable[[Array, ElementMesh], None], mesh: ElementMesh, terms: Terms) -> System:

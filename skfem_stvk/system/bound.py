@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, number, whole_array
+from ..edges.bound_term import Bound, BoundElements, BoundTerm, bound, joined, with_blocks
 from ..edges.elements import Quadrature
-from ..edges.pairs import AccumulatedTerm, PairTerm, joined, with_blocks
+from ..edges.pairs import PairTerm
 from ..errors import ContactError, RegionError, StvkError, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
@@ -19,15 +20,11 @@ from ..space import Space
 from ..terms import (
     Body,
     BoundLoad,
-    BoundTerm,
-    CanRemove,
-    Grounded,
-    HasStretch,
-    HasVolume,
     Load,
     Term,
     is_load,
 )
+from ..terms.bound_load import bound_load
 from ..terms.connectivity import Connected
 from ..terms.loads.bound_contact import BoundContact
 from ..terms.loads.load import Moment, Time
@@ -68,21 +65,47 @@ class BoundTerms:
         self.body = Body(mesh, self._terms_on(0), quadrature, others)
         bodies = (self.body, *others)
         self.bound_terms: tuple[BoundTerm, ...] = tuple(
-            term.bind(bodies[number], self.dtype) for number, term in zip(self._of, self.elastic_terms, strict=True)
+            bound(term.bind(bodies[number], self.dtype)) for number, term in zip(self._of, self.elastic_terms, strict=True)
         )
+        self.bound_loads: tuple[BoundLoad, ...] = tuple(bound_load(load.bind(self.body)) for load in self.loads)
+        self._sort()
         names = [contact.name for contact in self.contacts]
         if len(set(names)) < len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             listed = ", ".join(f"name = {name!r}" for name in twice)
             raise ContactError(f"{listed}: several contacts; expected a name of its own for each, such as name='floor'.")
-        self.bound_loads: tuple[BoundLoad, ...] = tuple(load.bind(self.body) for load in self.loads)
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
         self._used = np.zeros(mesh.nv, dtype=bool)
-        for bound in self.bound_terms:
-            self._used[bound.nodes_paired.ravel()] = True
+        for term in self.bound_terms:
+            self._used[term.nodes_paired.ravel()] = True
         bare = self.space.share(self._used.astype(float)) == 0
         if self.space.comm.any(bool(bare.any())):
             warn(f"{mesh.name_nodes(bare)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
+
+    def _sort(self) -> None:
+        """Sort the bound terms and loads by what they can do.
+
+        Of the terms with volumes, those are listed with the ids of their elements that have elements of no earlier term; most often
+        the first term covers all elements.
+        """
+        every: tuple[Bound, ...] = (*self.bound_terms, *self.bound_loads)
+        #: Terms that tie the body to the ground, such as foundations.
+        self.foundations = [term for term in self.bound_terms if term.grounded is not None]
+        #: Bound terms of contact.
+        self.contacts = [term for term in self.bound_terms if isinstance(term, BoundContact)]
+        # Indices of the terms with a history, and of those that depend on more than displacements: on time, history or an assumption.
+        self._with_history = [i for i, term in enumerate(self.bound_terms) if term.has_history]
+        self._changing = frozenset(i for i, term in enumerate(self.bound_terms) if term.takes_time)
+        self._with_changing_pairs = [one for one in every if one.pairs_change]
+        specified = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
+        self.on_elements = [(number, of, term) for number, of, term in specified if isinstance(term, BoundElements)]
+        self._with_volume: list[tuple[NDArray[np.int64], BoundElements]] = []
+        known = np.zeros(self.mesh.nt, dtype=bool)
+        for specification, term in self._on_elements_of_mesh:
+            elements = self.mesh.elements(specification.region)
+            if not known[elements].all():
+                self._with_volume.append((elements, term))
+            known[elements] = True
 
     @property
     def space(self) -> Space:
@@ -98,6 +121,10 @@ class BoundTerms:
         """Elastic terms on the elements of the mesh: pairs of specification and bound term."""
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         return [(specification, term) for number, specification, term in every if number == 0]
+
+    @property
+    def _on_elements_of_mesh(self) -> list[tuple[Any, BoundElements]]:
+        return [(specification, term) for number, specification, term in self.on_elements if number == 0]
 
     @property
     def removed(self) -> NDArray[np.int64]:
@@ -127,16 +154,16 @@ class BoundTerms:
 
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
-        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not isinstance(bound, CanRemove)]
+        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not bound.removable]
         unsupported += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
-            if not isinstance(bound, CanRemove) and hasattr(bound, "pattern_version")
+            if not bound.removable and bound.pairs_change
         ]
         if unsupported:
             raise StvkError(
                 f"{', '.join(unsupported)}: elements cannot be removed from it; expected a method without(removed), as in "
-                "skfem_stvk.terms.CanRemove; or build a System of the mesh without these elements."
+                "skfem_stvk.edges.bound_term.Bound; or build a System of the mesh without these elements."
             )
 
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
@@ -144,19 +171,19 @@ class BoundTerms:
         removed = self.body.removed.copy()
         removed[elements] = True
 
-        def remaining(specification: Any, bound: CanRemove) -> Any:
+        def remaining(specification: Any, bound: Any) -> Any:
             return bound.without(removed[self.mesh.elements(getattr(specification, "region", None))])
 
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
-        terms = [term if number else remaining(specification, cast(CanRemove, term)) for number, specification, term in every]
+        terms = [term if number else remaining(specification, term) for number, specification, term in every]
         joined_nodes = np.zeros(self.mesh.nv, dtype=bool)
         for term in terms:
             joined_nodes[joined(term).ravel()] = True
-            if isinstance(term, Grounded):
+            if term.grounded is not None:
                 joined_nodes[term.grounded // self.mesh.d] = True
         self.body = self.body.without(removed, self._used & ~joined_nodes)
         loads = [
-            remaining(load, bound) if isinstance(bound, CanRemove) else load.bind(self.body)
+            remaining(load, bound) if bound.removable else bound_load(load.bind(self.body))
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
         ]
         self._replace_bound(terms, loads)
@@ -164,12 +191,8 @@ class BoundTerms:
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[BoundLoad]) -> None:
         """Replace the bound terms and loads of a copy by others that couple the same pairs."""
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
-        self.pair_terms = tuple(
-            pairs.with_term(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term)
-            for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
-        )
-        for name in ("_with_changing_pairs", "_with_history", "_changing", "_with_volume", "contacts", "working_contacts"):
-            self.__dict__.pop(name, None)
+        self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
+        self._sort()
 
     @property
     def elastic_names(self) -> list[str]:
@@ -199,7 +222,7 @@ class BoundTerms:
     @property
     def constant_tangent(self) -> bool:
         """Whether the Jacobian is the same at all displacements and times: linear terms under dead loads."""
-        return self.dead and all(getattr(term, "constant_tangent", False) for term in self.bound_terms)
+        return self.dead and all(term.constant_tangent for term in self.bound_terms)
 
     @property
     def _elastic(self) -> bool:
@@ -218,8 +241,7 @@ class BoundTerms:
         """Return `terms_at` with their blocks."""
         if not self._changing:
             return self.pair_terms
-        both = zip(self.pair_terms, self.terms_at(t), strict=True)
-        return tuple(pairs.with_term(term) if isinstance(pairs, AccumulatedTerm) else cast(Any, term) for pairs, term in both)
+        return tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.terms_at(t), strict=True))
 
     def _moment(self, t: Time) -> Moment:
         """Return the moment of load factor or time `t`, checked."""
@@ -247,21 +269,6 @@ class BoundTerms:
             raise ValueError(f"it has the histories of {len(history)} terms; expected {len(self._with_history)}")
         for i, one in zip(self._with_history, history, strict=True):
             self.bound_terms[i].return_to(one)
-
-    @cached_property
-    def _changing(self) -> frozenset[int]:
-        """Indices of the terms that depend on more than displacements: on time, history or an assumption."""
-        return frozenset(i for i, term in enumerate(self.bound_terms) if getattr(term, "takes_time", False))
-
-    @cached_property
-    def _with_history(self) -> list[int]:
-        """Indices of the terms with a history."""
-        return [i for i, term in enumerate(self.bound_terms) if getattr(term, "has_history", False)]
-
-    @cached_property
-    def _with_changing_pairs(self) -> list[Any]:
-        """Terms and loads that couple other nodes as the body moves, such as contacts between bodies."""
-        return [term for term in (*self.bound_terms, *self.bound_loads) if hasattr(term, "pattern_version")]
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """Return the smallest volume ratio `J` of an element at `u` to rest; an element with `J < 0` is inverted.
@@ -305,15 +312,10 @@ class BoundTerms:
         """Return the name of a contact that is passed through from `u0` to `u1` over the step of `t`; "" if there is none."""
         return next((term.name for term in self.contacts_at(t) if term.passes(self._state(u0), self._state(u1))), "")
 
-    @cached_property
+    @property
     def working_contacts(self) -> list[BoundContact]:
         """Bound terms of contact that move or rub."""
         return [term for term in self.contacts if term.does_work]
-
-    @cached_property
-    def contacts(self) -> list[BoundContact]:
-        """Bound terms of contact."""
-        return [term for term in self.bound_terms if isinstance(term, BoundContact)]
 
     def contacts_at(self, t: Time) -> list[BoundContact]:
         """Return the contacts at the load factor or moment `t`, with the history of its step."""
@@ -339,8 +341,7 @@ class BoundTerms:
         Below 1/sqrt(3) = 0.577 a St. Venant-Kirchhoff body softens: under uniaxial compression more shortening takes less force.
         """
         x = self._state(u)
-        stretches = (term.smallest_stretch(x) for _, term in self._on_mesh if isinstance(term, HasStretch))
-        return self.space.comm.least(min(stretches, default=np.inf))
+        return self.space.comm.least(min((term.smallest_stretch(x) for _, term in self._on_elements_of_mesh), default=np.inf))
 
     def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
         """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
@@ -353,23 +354,10 @@ class BoundTerms:
         """Return the ids of `compressed` in this part of a divided body."""
         x, below = self._state(u), number("below", below, "a finite stretch")
         ids = [np.empty(0, dtype=np.int64)]
-        for specification, term in self._on_mesh:
-            if isinstance(term, HasStretch) and term.smallest_stretch(x) < below:
+        for specification, term in self._on_elements_of_mesh:
+            if term.smallest_stretch(x) < below:
                 ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
         return np.unique(np.concatenate(ids))
-
-    @cached_property
-    def _with_volume(self) -> list[tuple[NDArray[np.int64], HasVolume]]:
-        """Terms that provide volume ratios, and the ids of their elements; most often the first term covers all elements."""
-        retained: list[tuple[NDArray[np.int64], HasVolume]] = []
-        known = np.zeros(self.mesh.nt, dtype=bool)
-        for specification, term in self._on_mesh:
-            if isinstance(term, HasVolume):
-                elements = self.mesh.elements(specification.region)
-                if not known[elements].all():
-                    retained.append((elements, term))
-                known[elements] = True
-        return retained
 
     @property
     def _named(self) -> list[tuple[str, Any]]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array
-from ..edges.pairs import joined
+from ..edges.bound_term import joined
 from ..errors import SupportError, name_ids
 from ..kernels.simplex_topology import pieces_of_simplices
 from ..mesh import ElementMesh
@@ -138,7 +138,7 @@ def check_held(
 
 def grounded_dofs(terms: Sequence[Any]) -> NDArray[np.int64]:
     """Return the degrees of freedom that terms tie to the ground, ascending."""
-    found = [term.grounded for term in terms if hasattr(term, "grounded")]
+    found = [term.grounded for term in terms if term.grounded is not None]
     return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *found]))
 
 

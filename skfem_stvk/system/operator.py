@@ -207,6 +207,11 @@ class TangentOperator(LinearOperator):
             raise StateError("The operator is not prepared: its last prepare(u) did not end well. Prepare it at another u.")
 
 
+def at_all_times(terms: Sequence[PairTerm]) -> Callable[[Time], Sequence[PairTerm]]:
+    """Return the function for a `TangentOperator` of terms that do not change with time."""
+    return lambda t: terms
+
+
 class FreeOperator(LinearOperator):
     """Tangent restricted to the free degrees of freedom, for solvers that need no matrix.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..arguments import Array
-from ..edges.pairs import joined
+from ..edges.bound_term import joined
 from .system import System
 
 EPS = float(np.finfo(float).eps)

@@ -17,8 +17,9 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
+from ..edges.bound_term import joined
 from ..edges.elements import checked_quadrature, nbytes
-from ..edges.pairs import AccumulatedBlocks, PairTerm, joined, look_at, version_of
+from ..edges.pairs import AccumulatedBlocks, PairTerm
 from ..errors import LoadError, MeshError, StvkError, warn
 from ..kernels.threads import CopyableLock, locked
 from ..mesh import ElementMesh, MeshLike
@@ -27,20 +28,15 @@ from ..mesh.displacements import array_to_fill, by_vertex
 from ..mesh.locations import DofsView, describe
 from ..terminal import html_table
 from ..terms import (
-    FollowerLoad,
-    Grounded,
-    HasMemory,
-    HasRoundOff,
+    BoundLoad,
     HasStress,
     HoldsShape,
     Load,
     MeshContact,
-    Quartic,
     Term,
     is_load,
 )
 from ..terms.connectivity import connected
-from ..terms.loads.bound_contact import BoundContact
 from ..terms.loads.load import Time
 from ..terms.loads.rigid_contact import BoundRigidContact, Displacement
 from ..units import UNITS, implausible_moduli
@@ -240,7 +236,7 @@ class System(BoundTerms):
             Whether the analysis is a motion in time; otherwise it is a path of equilibria.
         """
         with self.units.of_errors():
-            terms = [term.for_analysis(in_time) if isinstance(term, BoundContact) else term for term in self.bound_terms]
+            terms = [term.for_analysis(in_time) for term in self.bound_terms]
         if all(one is term for one, term in zip(terms, self.bound_terms, strict=True)):
             return self
         other = copy(self)
@@ -283,8 +279,8 @@ class System(BoundTerms):
         """
         return MappingProxyType(self._made_of)
 
-    def _bound_follower_loads(self) -> list[FollowerLoad]:
-        return [load for load in self.bound_loads if isinstance(load, FollowerLoad)]
+    def _bound_follower_loads(self) -> list[BoundLoad]:
+        return [load for load in self.bound_loads if not load.dead]
 
     def prescribe(self, u: Array, t: Time) -> Array:
         """Write the displacements of supports to `u` in place; return `u`.
@@ -307,7 +303,7 @@ class System(BoundTerms):
     @property
     def pattern_version(self) -> int:
         """Number of changes of the node couplings by terms; data computed for a pattern are valid for one version."""
-        return sum(map(version_of, self._with_changing_pairs))
+        return sum(term.pattern_version for term in self._with_changing_pairs)
 
     def look(self, u: ArrayLike, t: Time = 0.0) -> None:
         """Let terms whose pairs follow the body, such as contacts, couple those of the tangent at displacements `u`.
@@ -325,7 +321,9 @@ class System(BoundTerms):
             as `energy`.
         """
         if self._with_changing_pairs:
-            look_at(self.terms_at(t), self._state(u))
+            x = self._state(u)
+            for term in self.terms_at(t):
+                term.look(x)
 
     @property
     @locked
@@ -748,9 +746,8 @@ class System(BoundTerms):
         for where, dofs in self.supports.entries:
             add(where, np.concatenate([dofs, tied[np.isin(tied // d, dofs // d)]]))
         alone = tied[counts[tied] == 0]
-        for term in self.bound_terms:
-            if isinstance(term, Grounded):
-                add(getattr(term, "where", None), np.intersect1d(alone, self.space.union(term.grounded, self.ndofs)))
+        for term in self.foundations:
+            add(term.where, np.intersect1d(alone, self.space.union(term.grounded, self.ndofs)))
         return found, counts
 
     def foundation_force(self, u: ArrayLike) -> Array:
@@ -766,8 +763,7 @@ class System(BoundTerms):
         StateError
             as `energy`.
         """
-        grounding = [term for term in self.bound_terms if isinstance(term, Grounded)]
-        return self._force_on_body(grounding, u, "The force of foundations")
+        return self._force_on_body(self.foundations, u, "The force of foundations")
 
     def contact_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
         """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force.
@@ -795,7 +791,7 @@ class System(BoundTerms):
     @property
     def quartic(self) -> bool:
         """Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not."""
-        return all(isinstance(term, Quartic) for term in self.bound_terms)
+        return all(term.quartic for term in self.bound_terms)
 
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """Return the coefficients (5,) of the strain energy [J] along `u + s v`, which are exact.
@@ -818,14 +814,13 @@ class System(BoundTerms):
         StvkError
             if the energy is not a quartic, see `quartic`.
         """
-        quartics = [term for term in self.bound_terms if isinstance(term, Quartic)]
-        if len(quartics) < len(self.bound_terms):
+        if not self.quartic:
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
 
         def of_part() -> Array:
             x, y = by_vertex(self.mesh, u), by_vertex(self.mesh, v, "v")
-            coefficients: Array = sum((term.along(x, y) for term in quartics), np.zeros(5))
+            coefficients: Array = sum((term.along(x, y) for term in self.bound_terms), np.zeros(5))
             refuse_overflow(coefficients, "W along a line", x)
             return coefficients
 
@@ -850,11 +845,8 @@ class System(BoundTerms):
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
 
         def of_part() -> None:
-            for term, pairs in zip(self.terms_at(t), self.pairs_at(t), strict=True):
-                if isinstance(term, HasRoundOff):
-                    term.add_round_off(x, sums)
-                else:
-                    pairs.add_magnitudes(x, sums)
+            for term in self.terms_at(t):
+                term.add_round_off(x, sums)
 
         self.space.comm.together(of_part)
         return self.space.share(sums).ravel()
@@ -923,12 +915,12 @@ class System(BoundTerms):
         """
         parts = {"mesh": self.mesh.p.nbytes + self.mesh.t.nbytes + sum(body.mesh.t.nbytes for body in self.body.beside)}
         for term in (*self.bound_terms, *self.bound_loads):
-            if isinstance(term, HasMemory):
-                for name, count in term.memory().items():
-                    parts[name] = parts.get(name, 0) + count
-        for blocks in (*self.pair_terms, *self._follower_loads):
-            if isinstance(blocks, AccumulatedBlocks):
-                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + blocks.own_memory()
+            for name, count in term.memory().items():
+                parts[name] = parts.get(name, 0) + count
+        every: tuple[PairTerm | AccumulatedBlocks, ...] = (*self.pair_terms, *self._follower_loads)
+        for blocks in every:
+            if count := blocks.own_memory():
+                parts["blocks of pairs"] = parts.get("blocks of pairs", 0) + count
         parts["rows of K"] = 0 if self._row_cache is None else nbytes(self._row_cache[1:])
         parts["pattern of K"] = 0 if self._pattern is None else self._pattern.memory()
         parts["product"] = self._operator.memory() if self._operator is not None else 0

@@ -2,7 +2,9 @@
 
 from typing import Any
 
+from ..edges.bound_term import BoundElements, BoundTerm
 from .body import Body
+from .bound_load import BoundLoad
 from .laws.corotated import Corotated
 from .laws.edge_network import EdgeNetwork
 from .laws.invertible import InvertibleStVK
@@ -22,26 +24,13 @@ from .loads.rigid_mesh import RigidMesh
 from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .loads.times import Ramp, Sine, Table
 from .protocols import (
-    BoundLoad,
-    BoundTerm,
-    CanRemove,
     Deformation,
-    FollowerLoad,
-    Grounded,
-    HasDampingForce,
-    HasMeanForce,
-    HasMemory,
     HasPressure,
     HasResponse,
-    HasRoundOff,
-    HasStrainProducts,
     HasStress,
-    HasStretch,
-    HasVolume,
     HoldsShape,
     Load,
     PointResponse,
-    Quartic,
     Term,
     is_load,
 )
@@ -71,27 +60,18 @@ __all__ = [
     "Body",
     "BodyForce",
     "BoundContact",
+    "BoundElements",
     "BoundLoad",
     "BoundTerm",
-    "CanRemove",
     "Corotated",
     "Deformation",
     "EdgeNetwork",
     "ElasticFoundation",
-    "FollowerLoad",
     "Friction",
     "Gravity",
-    "Grounded",
-    "HasDampingForce",
-    "HasMeanForce",
-    "HasMemory",
     "HasPressure",
     "HasResponse",
-    "HasRoundOff",
-    "HasStrainProducts",
     "HasStress",
-    "HasStretch",
-    "HasVolume",
     "HoldsShape",
     "InvertibleStVK",
     "LinearElastic",
@@ -101,7 +81,6 @@ __all__ = [
     "NodalLoad",
     "PointResponse",
     "Pressure",
-    "Quartic",
     "Ramp",
     "RigidBox",
     "RigidContact",

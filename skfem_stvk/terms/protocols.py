@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ..arguments import Array, own
+from ..edges.bound_term import BoundTerm
 from ..edges.materials import Hypothesis
-from ..edges.pairs import BoundTerm, NodeBlocks
 from ..mesh import ElementMesh
 from .body import Body
-from .loads.load import Time, check_constants
+from .bound_load import BoundLoad
+from .loads.load import check_constants
 
 
 class Term(Protocol):
@@ -54,166 +54,6 @@ class Load(ABC):
 def is_load(term: Any) -> TypeGuard[Load]:
     """Return whether a term is an external load: a `Load`, or an object with a true attribute `external`."""
     return bool(getattr(term, "external", False))
-
-
-class BoundLoad(Protocol):
-    """Load on a body at displacements `u` (nv, d) and load factor or time `t`. If it is not `dead` it is a `FollowerLoad`."""
-
-    @property
-    def has_potential(self) -> bool:
-        """Whether its force is minus the gradient of a potential; otherwise its stiffness is not symmetric."""
-
-    @property
-    def dead(self) -> bool:
-        """Whether its force does not depend on the displacements: its potential is linear in `u`, and it has no stiffness."""
-
-    @property
-    def steady(self) -> bool:
-        """Whether the load is constant in time, that is, not a function."""
-
-    def potential(self, u: Array, t: Time) -> float:
-        """Return the potential [J] of the load at `u` (nv, d); the force is `-d potential/du`."""
-
-    def add_force(self, u: Array, t: Time, out: Array) -> None:
-        """Add the external force [N] to `out` (nv, d)."""
-
-
-@runtime_checkable
-class FollowerLoad(Protocol):
-    """Load with a stiffness: blocks of the pairs of vertices that it couples, and of single vertices.
-
-    Attributes
-    ----------
-    symmetric
-        Whether its stiffness is symmetric; if not, the load supplies `K_ba` of its pairs as well.
-    balanced
-        Whether the rows of its stiffness sum to zero; if not, the load supplies those of its `nodes` (m,).
-    """
-
-    symmetric: bool
-    balanced: bool
-
-    @property
-    def nodes_paired(self) -> NDArray[np.int32]:
-        """Pairs of vertices `a < b` (2, n) that the load couples, each once; none if it couples each vertex at most with itself."""
-
-    def add_blocks(self, u: Array, t: Time, blocks: NodeBlocks) -> None:
-        """Add the blocks of `-d force/du` [N/m] at `u` (nv, d)."""
-
-
-@runtime_checkable
-class HasMemory(Protocol):
-    """Term that reports the size of its arrays."""
-
-    def memory(self) -> dict[str, int]:
-        """Return the bytes of its arrays, by part."""
-
-
-@runtime_checkable
-class HasRoundOff(Protocol):
-    """Term with a closer estimate of its force's rounding error than its blocks provide."""
-
-    def add_round_off(self, u: Array, out: Array) -> None:
-        """Add the absolute values of the force's summands [N] to `out` (nv, d): times eps, its rounding error."""
-
-
-@runtime_checkable
-class Quartic(Protocol):
-    """Term with an energy that is exactly a quartic along any line."""
-
-    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
-        """Return the coefficients (5,) of the energy along `u + s v`: `c0 + c1 s + c2 s^2 + c3 s^3 + c4 s^4` [J]."""
-
-
-@runtime_checkable
-class HasStrainProducts(Protocol):
-    """Term with an energy `1/2 sum y^2` over strains `y` that are quadratic in displacements. The part of the energy that is
-    quadratic in displacements is excepted, since K at rest determines it.
-    """
-
-    def strain_products(self, fields: Array, most: int) -> Iterator[Array]:
-        """Yield rows (m, n (n + 1)/2) `y = sum over a <= b of y_ab x_a x_b` for displacements `sum_a x_a fields_a`, `x_0 = 1`.
-
-        `fields` is (nv, d, n - 1); the pair (a, b) is in column `b (b + 1)/2 + a`. About `most` rows are yielded at once, each time
-        in the same array.
-        """
-
-
-@runtime_checkable
-class HasMeanForce(Protocol):
-    """Term with a force between two states; the work of this force is the difference of their energies."""
-
-    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-        """Add the force [N] of weighted tensions at `u0` and `u1`, along the edges at `(1 - theta) u0 + theta u1`, to `force` (nv,
-        d).
-
-        For `theta = 1/2` and weights of sum 1, the work over `u1 - u0` is `W(u1) - W(u0) + (w1 - w0) R`. The method returns `R >=
-        0` [J].
-        """
-
-
-@runtime_checkable
-class HasDampingForce(Protocol):
-    """Term that can resist the rate of its strain."""
-
-    def damping_force(self, u: Array, v: Array, force: Array) -> float:
-        """Add its Gauss-Newton tangent at `u` times velocities `v` to `force` (nv, d); return half the dissipated power [W]."""
-
-
-@runtime_checkable
-class Grounded(Protocol):
-    """Term that ties a body to the ground, so that its force is external."""
-
-    @property
-    def grounded(self) -> NDArray[np.int64]:
-        """Degrees of freedom that the term ties to the ground."""
-
-    def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Return the strain energy [J]; add the internal force [N], minus that of the ground on the body, to `force` (nv, d)."""
-
-
-@runtime_checkable
-class HasVolume(Protocol):
-    """Term with elements that can invert; its specification has their `region`.
-
-    If its forces are finite in inverted elements and push them back, `passes_inversion` is True. Motions may then pass through such
-    states.
-    """
-
-    def volume_ratios(self, u: Array) -> NDArray[np.float64]:
-        """Return the volume (n,) at `u` (nv, d) over that at rest of the region's elements, in their order."""
-
-    def smallest_volume_ratio(self, u: Array) -> float:
-        """Return the smallest entry of `volume_ratios(u)`."""
-
-    def step_limit(self, u: Array, v: Array) -> float:
-        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume at `u + s v`, or infinity."""
-
-
-@runtime_checkable
-class HasStretch(Protocol):
-    """Term with elements that soften under compression; its specification has their `region`."""
-
-    def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """Return the smallest principal stretch (n,) at `u` (nv, d) of the region's elements, in their order, within their own
-        dimensions.
-        """
-
-    def smallest_stretch(self, u: Array) -> float:
-        """Return the smallest entry of `smallest_stretches(u)`."""
-
-
-@runtime_checkable
-class CanRemove(Protocol):
-    """Term whose elements can be removed. Loads need no such method: they are bound again, to the remaining body."""
-
-    def without(self, removed: NDArray[np.bool_]) -> Any:
-        """Return the term without the `removed` elements (n,), in the order of its region; of the mesh, if it has no region.
-
-        This term is not changed. `removed` includes all removed elements, also those of earlier calls. The new term couples the
-        same pairs of nodes, with blocks of zeros. If it has the attribute `nodes_joined` (2, m), this lists the pairs that it still
-        joins. The new term has the history of this one.
-        """
 
 
 @runtime_checkable

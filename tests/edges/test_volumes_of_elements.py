@@ -7,8 +7,8 @@ from kernels import readable
 from kernels.parts import in_parts
 
 from skfem_stvk import ElementMesh, StVK, System
-from skfem_stvk.edges import abilities as edges_abilities
 from skfem_stvk.edges import assembly as edges_assembly
+from skfem_stvk.edges import bound_laws
 from skfem_stvk.mesh.points import base_vectors_at, measures_of
 from skfem_stvk.mesh.rules import rule_of
 
@@ -134,7 +134,7 @@ def test_compiled_and_readable_kernels_agree(name, monkeypatch):
 
     compiled = found()
     monkeypatch.setattr(edges_assembly, "volume_kernels", readable)
-    monkeypatch.setattr(edges_abilities, "stretch_kernels", readable)
+    monkeypatch.setattr(bound_laws, "stretch_kernels", readable)
     assert found() == pytest.approx(compiled, rel=1e-9)
 
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 from kernels import readable, readable_networks
 
-from skfem_stvk.edges import abilities, assembly, elements, network, pairs, streaming, topology
+from skfem_stvk.edges import assembly, bound_laws, elements, network, pairs, streaming, topology
 from skfem_stvk.kernels import threads
 from skfem_stvk.mesh import displacements, facets
 from skfem_stvk.system import pattern
@@ -35,7 +35,7 @@ def on_twins(monkeypatch):
     for name in ("element_kernels", "volume_kernels"):
         monkeypatch.setattr(assembly, name, readable)
     for name in ("element_kernels", "stretch_kernels"):
-        monkeypatch.setattr(abilities, name, readable)
+        monkeypatch.setattr(bound_laws, name, readable)
     monkeypatch.setattr(volume_penalty, "penalty_kernels", readable)
     monkeypatch.setattr(at_points, "point_kernels", readable)
     monkeypatch.setattr(network, "network_kernels", readable_networks)

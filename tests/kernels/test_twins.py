@@ -18,7 +18,7 @@ from skfem_stvk import kernels as compiled_kernels
 from skfem_stvk.edges import Tensions
 from skfem_stvk.kernels import networks, reduced
 from skfem_stvk.kernels.lanes import LANES
-from skfem_stvk.terms import Body, HasDampingForce, HasRoundOff, HasVolume, Quartic
+from skfem_stvk.terms import Body, BoundElements
 from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 
@@ -52,15 +52,12 @@ def of_terms(mesh, terms, dtype, amount, kind):
         assembly, v = term.bind(Body(mesh, [], quadrature(mesh, kind)), dtype), state(mesh, seed=9).reshape(-1, mesh.d)
         u = state(mesh, amount).reshape(-1, mesh.d) - 0.3 * mesh.p.T
         sizes, diagonal, product = np.zeros_like(u), np.zeros((*u.shape, mesh.d)), np.zeros_like(u)
-        if isinstance(assembly, HasRoundOff):
-            assembly.add_round_off(u, sizes)
-        else:
-            assembly.add_magnitudes(u, sizes)
+        assembly.add_round_off(u, sizes)
         _, blocks = assembly.blocks(u, kept=Tensions(0.9, 0.2))
         assembly.pairs.add_diagonal(blocks, diagonal)
         assembly.pairs.add_product(blocks, v, product)
         assembly.pairs.add_norms(blocks, np.arange(1.0, mesh.nv + 1), norms := np.zeros(mesh.nv))
-        if isinstance(assembly, HasDampingForce):
+        if assembly.damped:
             mean, damping = np.zeros_like(u), np.zeros_like(u)
             found |= {
                 f"energy of the change of {i}": assembly.mean_force(u, u + v, (0.2, 0.7), 0.3, mean),
@@ -68,7 +65,7 @@ def of_terms(mesh, terms, dtype, amount, kind):
                 f"half the power of the damping of {i}": assembly.damping_force(u, v, damping),
                 f"damping of {i}": damping,
             }
-        if isinstance(assembly, Quartic):
+        if assembly.quartic:
             found[f"energy of {i} along a line"] = assembly.along(u, v)[:3]
         if isinstance(term, StVK) and mesh.element.is_linear_simplex:
             found |= {
@@ -82,7 +79,7 @@ def of_terms(mesh, terms, dtype, amount, kind):
             f"weighed product of {i}": product,
             f"clamped norms of {i}": norms,
         }
-        if mesh.element.is_linear_simplex and isinstance(assembly, HasVolume):
+        if mesh.element.is_linear_simplex and isinstance(assembly, BoundElements):
             found |= {
                 f"ratios of volumes of {i}": assembly.volume_ratios(u),
                 f"smallest ratio of {i}": assembly.smallest_volume_ratio(u),

@@ -7,7 +7,7 @@ from forces import integral
 
 from skfem_stvk import ElementMesh, RegionError, StVK
 from skfem_stvk.edges import TENSILE
-from skfem_stvk.edges.pairs import with_blocks
+from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.errors import LoadError
 from skfem_stvk.mesh.points import sizes_of
 from skfem_stvk.system.pattern import Pattern

@@ -11,7 +11,7 @@ from forces import force, moment, stiffness
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
-from skfem_stvk.edges.pairs import with_blocks
+from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.mesh.points import sizes_at_points, sizes_of
 from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.system.pattern import Pattern

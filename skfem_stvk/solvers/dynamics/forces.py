@@ -13,7 +13,7 @@ from ...edges import NONE, Tensions
 from ...mesh.displacements import array_to_fill, by_vertex
 from ...system import System, TangentOperator
 from ...system.operator import refuse_overflow
-from ...terms import HasDampingForce, HasMeanForce, HasVolume, is_load
+from ...terms import is_load
 from ...terms.loads.load import Assumed, Moment, Time
 
 
@@ -54,12 +54,7 @@ def add_mean_force(
     def add(x: Array, y: Array, force: Array) -> float:
         R = 0.0
         for term in system.terms_at(t):
-            if isinstance(term, HasMeanForce):
-                R += term.mean_force(x, y, weights, theta, force)
-            else:
-                at_p = np.zeros_like(force)
-                term.energy_and_force(x + theta * (y - x), at_p)
-                force += sum(weights) * at_p
+            R += term.mean_force(x, y, weights, theta, force)
         return R
 
     return _combined(system, {"u0": u0, "u1": u1}, add, out, "The energy of the change", "the mean force")
@@ -80,7 +75,7 @@ def add_damping_force(system: System, u: Array, v: Array, out: Array) -> float:
     """
 
     def add(y: Array, x: Array, force: Array) -> float:
-        return sum(term.damping_force(x, y, force) for term in system.bound_terms if isinstance(term, HasDampingForce))
+        return sum(term.damping_force(x, y, force) for term in system.bound_terms if term.damped)
 
     return _combined(system, {"v": v, "u": u}, add, out, "The damping", "the damping force")
 
@@ -93,7 +88,7 @@ def add_secant_damping(system: System, u0: Array, u1: Array, theta: float, out: 
     Multiplied by `tau/dt`, it is a force. For `theta = 1/2` its work over `u1 - u0` is exactly `2 R`,
     `R = 1/4 dzeta' L dzeta >= 0`. R is zero for rigid motions of any size, including rotations. Returns R [J].
     """
-    edges = [term for term in system.bound_terms if isinstance(term, HasMeanForce) and isinstance(term, HasDampingForce)]
+    edges = [term for term in system.bound_terms if term.has_mean_force and term.damped]
 
     def add(x: Array, y: Array, force: Array) -> float:
         return sum(term.mean_force(x, y, (-1.0, 1.0), theta, force) for term in edges)
@@ -127,12 +122,12 @@ def damped_beside_edges(system: System) -> list[str]:
     """Return the names of the terms, other than laws on edges, in the Gauss-Newton tangent: `tau K_GN` damps them, too."""
     elastic, loads = iter(system.bound_terms), iter(system.bound_loads)
     bound: list[tuple[Any, Any]] = [(term, next(loads if is_load(term) else elastic)) for term in system.terms]
-    return [type(term).__name__ for term, one in bound if not (one.dead if is_load(term) else isinstance(one, HasDampingForce))]
+    return [type(term).__name__ for term, one in bound if not (one.dead if is_load(term) else one.damped)]
 
 
 def passes_inversion(system: System) -> bool:
     """Return whether all elements have finite restoring forces when they are inverted."""
-    return all(getattr(term, "passes_inversion", False) for term in system.bound_terms if isinstance(term, HasVolume))
+    return all(term.passes_inversion for *_, term in system.on_elements)
 
 
 class StartTensions:

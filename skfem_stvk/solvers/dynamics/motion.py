@@ -17,7 +17,6 @@ from ...system import System
 from ...system.coordinates import CoordinateMass, Coordinates
 from ...terms import BoundLoad
 from ...terms.loads.load import APART, Moment, StepStart
-from ...terms.protocols import Grounded
 from .at_rest import AtRest
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping
@@ -191,7 +190,9 @@ class Motion:
     @cached_property
     def constant_loads(self) -> Array | None:
         """Loads [N] if they depend neither on time nor on displacements, otherwise None."""
-        changing = any(getattr(t, "does_work", False) or type(t).__name__ == "FRAMED" for t in self.system.bound_terms)  # TEMPORARY
+        changing = any(
+            getattr(t, "does_work", False) or type(t).__name__ == "BoundInFrames" for t in self.system.bound_terms
+        )  # TEMPORARY
         if changing or not all(load.steady and load.dead for load in self.system.bound_loads):
             return None
         loads = self.body.external_force(np.zeros(self.states.n), self.moment(0.0))
@@ -239,7 +240,7 @@ class Motion:
         """Number of the `forces` of a state: one for each contact, and one for foundations if there are any."""
         if self.body is not self.system:
             return 0
-        return len(self.system.contacts) + any(isinstance(term, Grounded) for term in self.system.bound_terms)
+        return len(self.system.contacts) + bool(self.system.foundations)
 
     def store_forces(self, state: MotionState) -> None:
         """Store the forces of contacts and foundations on the body at the state in `state.forces`."""

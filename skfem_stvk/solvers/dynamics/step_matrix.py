@@ -18,7 +18,6 @@ from ...linear.dense import DenseFactors
 from ...system import FreeOperator, System, TangentOperator
 from ...system.coordinates import Coordinates, DenseTangent
 from ...system.free_tangent import FreeTangent, kind_of
-from ...terms import HasMeanForce
 from ...terms.loads.load import APART, Assumed, Moment, Time
 from ..newton.problem import Tangent
 from ..newton.stopwatch import Stopwatch
@@ -100,7 +99,7 @@ class StepMatrix:
         self._chosen, self._mean = chosen, mean
         self._u0, self._at = np.zeros(motion.states.n), np.zeros(motion.states.n)
         self._rest: tuple[int, csr_matrix] | None = None  # version of the pattern, and K(0)
-        between = mean and any(isinstance(term, HasMeanForce) for term in motion.system.bound_terms)
+        between = mean and any(term.has_mean_force for term in motion.system.bound_terms)
         self._tensions = StartTensions(motion.system) if between and chosen is not StepTangent.REST else None
         self.with_tensions = True
         self._constant_factors: tuple[Any, Factors] | None = None

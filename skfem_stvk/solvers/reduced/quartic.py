@@ -11,13 +11,12 @@ from scipy.linalg.blas import dsyrk
 
 from ...arguments import Array
 from ...edges import ALL
-from ...edges.pairs import with_blocks
+from ...edges.bound_term import BoundTerm, with_blocks
 from ...kernels import reduced as reduced_kernels
 from ...mesh import ElementMesh
 from ...mesh.displacements import by_vertex
 from ...system import Pattern, System, TangentOperator
-from ...system.operator import refuse_overflow
-from ...terms import BoundTerm, HasStrainProducts
+from ...system.operator import at_all_times, refuse_overflow
 
 #: Bytes of the rows of strains that are made in one block.
 BLOCK = 32_000_000
@@ -38,7 +37,7 @@ def bytes_needed(size: int) -> int:
 
 def rows_of(term: BoundTerm, body: System) -> int:
     """Return the approximate number of rows of strains of a term: of all points of all elements."""
-    if not isinstance(term, HasStrainProducts):
+    if not term.has_strain_products:
         return 0
     return len(body.rule.rule.weights) * body.mesh.nt * body.mesh.k * (body.mesh.k + 1) // 2
 
@@ -79,23 +78,23 @@ class ReducedQuartic:
 def quartic_of(
     body: System, terms: Sequence[BoundTerm], fields: Array, tick: Callable[[int], None] = lambda done: None
 ) -> ReducedQuartic:
-    """Return the energy of bound terms that are `Quartic` for displacements `fields @ z`, `fields` (ndofs, R)."""
+    """Return the energy of bound terms that are `quartic` for displacements `fields @ z`, `fields` (ndofs, R)."""
     n, pairs = fields.shape[1] + 1, (fields.shape[1] + 1) * (fields.shape[1] + 2) // 2
     nodal = np.ascontiguousarray(fields).reshape(body.mesh.nv, body.mesh.d, -1)
     C, T = np.zeros((pairs, pairs), order="F"), np.empty(coefficients(n))
     for term in terms:
-        if isinstance(term, HasStrainProducts):
+        if term.has_strain_products:
             for rows in term.strain_products(nodal, BLOCK // (8 * pairs)):
                 C = dsyrk(1.0, rows.T, beta=1.0, c=C, lower=1, overwrite_c=1)
                 tick(len(rows))
     reduced_kernels.distinct_coefficients(C, T)
     del C
     for term in terms:
-        if not isinstance(term, HasStrainProducts) and not getattr(term, "constant_tangent", False):
+        if not term.has_strain_products and not term.constant_tangent:
             _add_by_tangents(T, term, fields, body)
     if terms:
         pair_terms = [with_blocks(term, body.mesh.nv, body.mesh.d, body.dtype) for term in terms]
-        operator = TangentOperator(body.mesh, lambda t: pair_terms, np.zeros(body.ndofs), body.dtype)
+        operator = TangentOperator(body.mesh, at_all_times(pair_terms), np.zeros(body.ndofs), body.dtype)
         K = fields.T @ np.array([operator @ field for field in np.ascontiguousarray(fields.T)]).T
         _set_quadratic(T, n, (K + K.T) / 2)
     return ReducedQuartic(n, T)

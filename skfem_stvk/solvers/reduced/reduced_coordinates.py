@@ -9,7 +9,6 @@ from ...kernels.threads import locked
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.operator import refuse_overflow
-from ...terms import Quartic
 from ...terms.loads.load import Moment, Time
 from .basis import Lifts, masses_of
 from .quartic import ProjectedTerms, ReducedQuartic
@@ -22,12 +21,12 @@ class PrecomputedCoordinates(Coordinates):
     def __init__(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int) -> None:
         super().__init__(body, columns, size, masses_of(body))
         self._lifts, self._quartic = Lifts(body, columns[:, size:]), quartic
-        others = [term for term in body.bound_terms if not isinstance(term, Quartic)]
+        others = [term for term in body.bound_terms if not term.quartic]
         self._others = [ProjectedTerms(body.mesh, others, columns)] if others and not sampled else []
         self.sampling: dict[str, Sampling] = {}
         if sampled:
             for name, term, bound in zip(body.elastic_names, body.elastic_terms, body.bound_terms, strict=True):
-                if not isinstance(bound, Quartic):
+                if not bound.quartic:
                     part, self.sampling[name] = sampled_part(body, term, columns, sampled)
                     self._others.append(part)
         self._steady = [load for load in body.bound_loads if load.dead and load.steady]

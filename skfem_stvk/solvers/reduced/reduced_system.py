@@ -19,7 +19,6 @@ from ...system import System
 from ...system.protocol import checked_whole
 from ...system.signature import Fingerprint, sums
 from ...terminal import Progress, duration
-from ...terms import Quartic
 from ...terms.loads.load import Time
 from ..dynamics.at_rest import AtRest
 from .basis import SIZE, Lifts, candidates_of, checked_snapshots, masses_of, orthonormality_error, principal_basis
@@ -156,7 +155,7 @@ class ReducedSystem:
             del rest, made
             columns = np.ascontiguousarray(np.concatenate([basis, lifts.without_basis(masses, basis)], axis=1))
             stages.stage("coefficients")
-            terms = [term for term in body.bound_terms if isinstance(term, Quartic)]
+            terms = [term for term in body.bound_terms if term.quartic]
             self._set(body, columns, basis.shape[1], quartic_of(body, terms, columns, stages.rows), sampled)
 
     def _set(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int = 0) -> None:

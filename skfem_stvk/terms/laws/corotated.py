@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from ...arguments import Array, Quantity, choice, real_array, shown
 from ...edges import Assembly
-from ...edges.abilities import FRAMED, STRETCHES
+from ...edges.bound_laws import BoundEnergyOfStretches, BoundInFrames
 from ...edges.materials import Isotropic
 from ...edges.stiffness import FramedStiffness, IsotropicStiffness, StoredLaw, flat_of
 from ...edges.without_energy import VertexWarping
@@ -106,7 +106,7 @@ class Corotated(ElasticLaw):
         """
         bound, mesh = super().bind(body, dtype), body.mesh if isinstance(body, Body) else body
         if callable(self.rotation):
-            bound = bound.at(0.0)
+            bound = bound.at(0.0, None)
         if self.rotation != "vertex":
             return bound
         if mesh.k < 2 or mesh.k < mesh.d:
@@ -118,7 +118,7 @@ class Corotated(ElasticLaw):
 
     @property
     def assembly(self) -> type[Assembly]:
-        return FRAMED if callable(self.rotation) else STRETCHES
+        return BoundInFrames if callable(self.rotation) else BoundEnergyOfStretches
 
     @property
     def per_element(self) -> bool:  # type: ignore[override]

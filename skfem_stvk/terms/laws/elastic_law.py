@@ -125,7 +125,7 @@ class ElasticLaw(Specification, ABC):
 
     @property
     def assembly(self) -> type[Assembly]:
-        """Assembly class with the functions that the law registers in addition to W, F and K (`edges.assembly.offering`)."""
+        """Class of the law on a body, with what it can do in addition to W, F and K (`edges.bound_laws`)."""
         return Assembly
 
     @abstractmethod

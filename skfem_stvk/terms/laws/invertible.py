@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from ...arguments import Quantity, choice, number
-from ...edges.abilities import STRETCHES
+from ...edges.bound_laws import BoundEnergyOfStretches
 from ...edges.materials import Isotropic
 from ...edges.stiffness import IsotropicStiffness, flat_of
 from ...edges.without_energy import StressExtension
@@ -85,7 +85,7 @@ class InvertibleStVK(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
-    assembly = STRETCHES
+    assembly = BoundEnergyOfStretches
 
     threshold: Annotated[float, Quantity(None, "Principal stretch below which it is continued.", gt=LEAST, lt=1)] = field(
         default=0.6, kw_only=True

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...edges import Assembly
-from ...edges.assembly import offering
 from ...edges.stiffness import StoredLaw
 from ...kernels.linear_law import LINEAR
 from ...mesh import ElementMesh
@@ -18,28 +17,25 @@ from .elastic_law import ElasticLaw
 from .stvk import StVK
 
 
-def along(term: Assembly, u: Array, v: Array) -> NDArray[np.float64]:
-    """Return the coefficients (5,) of the energy along `u + s v`, both (nv, d): the last two are zero."""
-    force = np.zeros(u.shape, dtype=term.dtype)
-    W = term.energy_and_force(u, force)
-    return np.array([W, np.vdot(force, v), term.energy_and_force(v), 0.0, 0.0])
+class BoundLinearElastic(Assembly):
+    """A force that is linear in displacements: it determines every result between two states."""
 
+    constant_tangent = quartic = has_mean_force = damped = True
 
-def mean_force(term: Assembly, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
-    """Add `K (w0 u0 + w1 u1)` to `force` (nv, d); return `R = W(u1 - u0)`, as in `HasMeanForce`."""
-    term.energy_and_force(weights[0] * u0 + weights[1] * u1, force)
-    return term.energy_and_force(u1 - u0)
+    def along(self, u: Array, v: Array) -> NDArray[np.float64]:
+        """Return the coefficients (5,) of the energy along `u + s v`, both (nv, d): the last two are zero."""
+        force = np.zeros(u.shape, dtype=self.dtype)
+        W = self.energy_and_force(u, force)
+        return np.array([W, np.vdot(force, v), self.energy_and_force(v), 0.0, 0.0])
 
+    def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
+        """Add `K (w0 u0 + w1 u1)` to `force` (nv, d); return `R = W(u1 - u0)`."""
+        self.energy_and_force(weights[0] * u0 + weights[1] * u1, force)
+        return self.energy_and_force(u1 - u0)
 
-def damping_force(term: Assembly, u: Array, v: Array, force: Array) -> float:
-    """Add `K v` to `force` (nv, d), which also resists rotation; return half the dissipated power [W]."""
-    return term.energy_and_force(v, force)
-
-
-#: A force that is linear in displacements: it determines every result between two states.
-LINEAR_FORCE = offering(
-    __name__, "LINEAR_FORCE", constant_tangent=True, along=along, mean_force=mean_force, damping_force=damping_force
-)
+    def damping_force(self, u: Array, v: Array, force: Array) -> float:
+        """Add `K v` to `force` (nv, d), which also resists rotation; return half the dissipated power [W]."""
+        return self.energy_and_force(v, force)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +74,7 @@ class LinearElastic(ElasticLaw):
 
     #: Whether its stress is that of the small strain.
     small_strain: ClassVar[bool] = True
-    assembly = LINEAR_FORCE
+    assembly = BoundLinearElastic
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """Return the stiffness of each element of the region: the numbers of St. Venant-Kirchhoff's law, for the linear one.

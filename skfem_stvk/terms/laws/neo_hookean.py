@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arguments import Array
-from ...edges.abilities import OF_STRAIN
 from ...edges.assembly import refuse_inside_out
+from ...edges.bound_laws import BoundEnergyOfStrain
 from ...edges.elements import Frames
 from ...edges.materials import Hypothesis, Isotropic
 from ...edges.stiffness import LawInFrames, StoredLaw
@@ -84,7 +84,7 @@ class NeoHookean(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
-    assembly = OF_STRAIN
+    assembly = BoundEnergyOfStrain
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
         """Return the law of the kernels, with its stored numbers of each element of the region.

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import Quantity, flag
 from ...edges import Assembly
-from ...edges.abilities import STVK, TENSION
+from ...edges.bound_laws import BoundStVK, BoundTensionField
 from ...edges.materials import FramedMaterial, Isotropic
 from ...edges.stiffness import AnisotropicStiffness, IsotropicStiffness
 from ...errors import MaterialError
@@ -88,7 +88,7 @@ class StVK(ElasticLaw):
     @property
     def assembly(self) -> type[Assembly]:
         """Assembly class; its `form` is the edge form, which does not exist with wrinkling."""
-        return TENSION if self.wrinkling else STVK
+        return BoundTensionField if self.wrinkling else BoundStVK
 
     @property
     def response(self) -> Callable[[Deformation], PointResponse] | None:

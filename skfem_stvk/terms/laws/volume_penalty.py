@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ...arguments import Array, Quantity, choice, own
 from ...edges import Assembly, Tensions
-from ...edges.assembly import offering, refuse_inside_out
+from ...edges.assembly import refuse_inside_out
 from ...edges.elements import Quadrature, mean_frames
 from ...edges.materials.material import check_length, constant
 from ...edges.stiffness import StoredLaw
@@ -175,7 +175,7 @@ class VolumePenalty:
             object.__setattr__(self, "stiffness", constant(self.stiffness, "VolumePenalty: stiffness", low=0.0))
         own(self)
 
-    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Assembly:
+    def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundVolumePenalty:
         """Return the penalty of a body; a mesh alone has thickness or area 1, and requires a stiffness.
 
         Parameters
@@ -189,7 +189,9 @@ class VolumePenalty:
         mesh = body.mesh
         elements, k = mesh.elements(self.region), self.moduli(body)
         stiffness = PenaltyStiffness(k * body.section[elements], ENERGIES[self.kind])
-        return PENALTY(mesh.p, mesh.t[:, elements], stiffness, body.quadrature, dtype, elements=mesh.element_numbers[elements])
+        return BoundVolumePenalty(
+            mesh.p, mesh.t[:, elements], stiffness, body.quadrature, dtype, elements=mesh.element_numbers[elements]
+        )
 
     def moduli(self, body: Body) -> Array:
         """Return the stiffness (n,) of the elements of the region [Pa].
@@ -278,35 +280,32 @@ class PenaltyStiffness(StoredLaw):
         return np.stack([stiffness * np.abs(C0), 1 / C0])
 
 
-@locked
-def add_round_off(term: Assembly, u: Array, out: Array) -> None:
-    """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N]: times eps, its rounding error."""
-    term.elements.gather(u)
-    term.run(penalty_kernels.penalty_round_off, out, *_arguments(term))
+class BoundVolumePenalty(Assembly):
+    """Volume penalty on the elements of a body."""
 
+    @locked
+    def add_round_off(self, u: Array, out: Array) -> None:
+        """Add the absolute values of all summands of the force at `u` (nv, d) to `out` (nv, d) [N]: times eps, its rounding error."""
+        self.elements.gather(u)
+        self.run(penalty_kernels.penalty_round_off, out, *self._arguments)
 
-def _energies(term: Assembly, force: Array | None) -> list[float]:
-    return [W for W, _ in term.run(penalty_kernels.penalty_energy_and_force, force, *_arguments(term))]
+    @property
+    def _arguments(self) -> tuple[int, int]:
+        """Arguments of the kernels that other laws do not have."""
+        assert isinstance(self.stored, PenaltyStiffness)
+        return self.elements.k, self.stored.kind
 
+    def _energies(self, force: Array | None) -> list[float]:
+        return [W for W, _ in self.run(penalty_kernels.penalty_energy_and_force, force, *self._arguments)]
 
-def _linearize(term: Assembly, to: PairSlots | RowSlots, kept: Tensions, force: Array | None) -> list[tuple[float, float]]:
-    """Return energies and traces with the energy added to the trace, so that the trace shows an overflow of the part of `psi'` in
-    K. That part is skew and has no diagonal; if it overflows, so does the energy.
-    """
-    found = term.run(penalty_kernels.penalty_linearize, force, *_arguments(term), float(kept.negative), to=(to,))
-    return [(W, trace + W) for W, _, trace in found]
+    def _linearize(self, to: PairSlots | RowSlots, kept: Tensions, force: Array | None) -> list[tuple[float, float]]:
+        """Return energies and traces with the energy added to the trace, so that the trace shows an overflow of the part of `psi'`
+        in K. That part is skew and has no diagonal; if it overflows, so does the energy.
+        """
+        found = self.run(penalty_kernels.penalty_linearize, force, *self._arguments, float(kept.negative), to=(to,))
+        return [(W, trace + W) for W, _, trace in found]
 
-
-def _arguments(term: Assembly) -> tuple[int, int]:
-    """Return the arguments of the kernels that other laws do not have."""
-    assert isinstance(term.stored, PenaltyStiffness)
-    return term.elements.k, term.stored.kind
-
-
-def _check(term: Assembly, found: list[Any]) -> None:
-    """Refuse results of kernels, `J` or `(W, J, ...)` by part, with a `J` at which `psi` is not defined: all these are <= 0."""
-    if min(one[1] if isinstance(one, tuple) else one for one in found) <= 0:
-        term.refuse_inside_out()
-
-
-PENALTY = offering(__name__, "PENALTY", _energies=_energies, _linearize=_linearize, check=_check, add_round_off=add_round_off)
+    def check(self, found: list[Any]) -> None:
+        """Refuse results of kernels, `J` or `(W, J, ...)` by part, with a `J` at which `psi` is not defined: all these are <= 0."""
+        if min(one[1] if isinstance(one, tuple) else one for one in found) <= 0:
+            self.refuse_inside_out()

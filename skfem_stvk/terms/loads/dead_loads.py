@@ -13,6 +13,7 @@ from ...arguments import Array, Quantity
 from ...mesh import ElementMesh
 from ...mesh.locations import Where, describe, facets_at, in_value_order, vertices_at
 from ..body import Body
+from ..bound_load import BoundLoad
 from ..protocols import Load
 from .load import Moment, Time, Value
 from .spread import Spread
@@ -234,26 +235,20 @@ class Nodes:
         return each if self._weights is None else self._weights[:, None] * each
 
 
-class DeadLoad:
+class DeadLoad(BoundLoad):
     """Load with values `f(t)` at the nodes of the `spread`, and the potential `-f . u`.
 
     Constants are spread once. Values of a function are spread again when they differ from those of the previous call, since the
     function may depend on more than `t`.
     """
 
-    has_potential = dead = True
-
     def __init__(self, mesh: ElementMesh, spread: Spread | CombinedSpread | Nodes, value: Value) -> None:
         self._at: Any = slice(None) if np.array_equal(spread.vertices, np.arange(mesh.nv)) else spread.vertices
         self._spread, self._value = spread, value
         self._unit = None if value.constant is None else spread.integrate(value.constant)
+        self.steady = self._unit is not None
         self._known: tuple[Any, Values] = None, np.empty(0)
         self.forces(1.0)
-
-    @property
-    def steady(self) -> bool:
-        """Whether the load is constant in time, that is, not a function."""
-        return self._unit is not None
 
     def forces(self, t: Time) -> Values:
         """Return the forces (n, d) on its nodes [N]."""

@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix
 
 from ...arguments import Array, Quantity, own, real_array, shown
 from ...edges import ALL, NodeBlocks, Tensions
+from ...edges.bound_term import BoundTerm
 from ...errors import LoadError
 from ...kernels.simplex_topology import edges_of_simplices
 from ...mesh import ElementMesh
@@ -91,14 +92,14 @@ class ElasticFoundation:
         return Bedding(body, self.where, facets, np.broadcast_to(k, d), dtype)
 
 
-class Bedding:
+class Bedding(BoundTerm):
     """Foundation on a mesh: `K = k (x) M` with the mass matrix `M` of its facets, constant.
 
     The foundation pairs the nodes of each facet, and ties the degrees of freedom `grounded` of its `nodes` (n,) to the ground.
     `where` is its location.
     """
 
-    symmetric = has_energy = constant_tangent = True
+    constant_tangent = quartic = removable = True
     balanced = False
 
     def __init__(self, body: Body, where: Where, facets: NDArray[np.int32], stiffness: Array, dtype: DTypeLike) -> None:

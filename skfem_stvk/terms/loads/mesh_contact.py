@@ -272,7 +272,7 @@ class BoundMeshContact(BoundContact):
         Nodes (n,) of the first of two surfaces, on which the resultant of the contact acts, otherwise of the whole surface.
     """
 
-    is_barrier = has_history = True
+    is_barrier = removable = has_history = pairs_change = True
 
     def __init__(self, contact: MeshContact, body: Body) -> None:
         self.contact, self.name, self._body = contact, contact.name, body
@@ -396,7 +396,7 @@ class BoundMeshContact(BoundContact):
         return np.stack(np.divmod(self._pairs.keys, self._nv)).astype(np.int32)
 
     @property
-    def pattern_version(self) -> int:
+    def pattern_version(self) -> int:  # type: ignore[override]
         """Number of changes of the pairs."""
         return self._pairs.version
 

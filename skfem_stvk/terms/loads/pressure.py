@@ -18,6 +18,7 @@ from ...mesh.locations import Where, describe, facets_at, in_value_order
 from ...mesh.points import base_vectors_at, normals_of
 from ...mesh.rules import rule_of
 from ..body import Body
+from ..bound_load import BoundLoad
 from ..connectivity import simplices_of
 from ..protocols import Load
 from .load import Time, Value
@@ -94,7 +95,7 @@ class Pressure(Load):
         )
 
 
-class FollowerPressure:
+class FollowerPressure(BoundLoad):
     """Pressure on facets that move with their nodes, at the points of a rule, with base vectors `x_i = sum_a dN_a/dxi_i x_a`.
 
         f_a = - sum_q w_aq A_q(x),     w_aq = weight_q N_a(q) p(q)
@@ -114,6 +115,7 @@ class FollowerPressure:
     def __init__(self, mesh: ElementMesh, surface: NDArray[np.int32], spread: Spread, value: Value) -> None:
         element = spread.element
         self._surface, self._spread, self._value = surface, spread, value
+        self.steady = value.constant is not None
         self._rule = rule_of(element, "usual" if element.is_linear_simplex else "mass")
         self._slopes = element.derivatives(self._rule.points)
         self._rest = self._base_vectors(mesh.p.T)
@@ -126,11 +128,6 @@ class FollowerPressure:
         for side, (i, j) in zip(sides, pairs, strict=True):
             turned = surface[i] > surface[j]
             self._block[i, j], self._block[j, i] = side + ne * turned, side + ne * ~turned
-
-    @property
-    def steady(self) -> bool:
-        """Whether the load is constant in time, that is, not a function."""
-        return self._value.constant is not None
 
     def potential(self, u: Array, t: Time) -> float:
         """Refuse, since follower pressure has no potential."""

@@ -194,6 +194,8 @@ class BoundRigidContact(BoundContact):
         Mean length of the edges of all facets at rest, and that of the smallest facet [m].
     """
 
+    removable = True
+
     def __init__(self, contact: RigidContact, body: Body) -> None:
         self.contact, self.name = contact, contact.name
         self._shape, self._now = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), InStep()

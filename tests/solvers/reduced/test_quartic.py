@@ -6,7 +6,7 @@ from bodies import BODIES, CURVED, MESHES, STRAIGHT, box, some_voigt
 from kernels import readable_reduced
 
 from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, LinearElastic, StVK, System
-from skfem_stvk.edges import abilities
+from skfem_stvk.edges import bound_laws
 from skfem_stvk.kernels import reduced as kernels
 from skfem_stvk.solvers.reduced import quartic as of_quartic
 from skfem_stvk.solvers.reduced.quartic import coefficients, quartic_of
@@ -69,7 +69,7 @@ def test_the_quartic_excludes_removed_elements():
 
 @pytest.mark.parametrize("name", ["tetrahedra, anisotropic", "membrane, isotropic", "cable, area"])
 def test_the_readable_kernels_give_the_same_quartic(name, monkeypatch):
-    for module in (abilities, of_quartic):
+    for module in (bound_laws, of_quartic):
         monkeypatch.setattr(module, "reduced_kernels", readable_reduced)
     assert max(errors(System(*BODIES[name]))) < 1e-13
 

@@ -15,6 +15,7 @@ from ....linear.dense import DenseFactors
 from ....mesh.displacements import by_vertex
 from ....system import System, TangentOperator
 from ....system.coordinates import Coordinates
+from ....system.operator import at_all_times
 from ....terms.loads.bound_contact import BoundContact
 from ....terms.loads.load import Moment
 from ...newton.newton import usable
@@ -229,13 +230,12 @@ class LinearStepper(ImplicitStepper):
         """Store `F + K w` of each contact, with the K of the step."""
         super().store_forces(before, state)
         system, w, moment = self.motion.system, state.u - before.u, self.motion.moment(state.t)
-        contacts = (
-            both for both in zip(system.terms_at(moment), system.pairs_at(moment), strict=True) if isinstance(both[0], BoundContact)
-        )
+        bound = zip(system.terms_at(moment), system.pairs_at(moment), strict=True)
+        contacts = [(term, pairs) for term, pairs in bound if isinstance(term, BoundContact)]
         for (contact, pairs), force in zip(contacts, state.forces, strict=False):
             force[:] = 0
             contact.energy_and_force(by_vertex(system.mesh, before.u), force.reshape(-1, system.mesh.d))
-            K = TangentOperator(system.mesh, lambda t, alone=pairs: [alone], before.u, system.dtype, self._retained)
+            K = TangentOperator(system.mesh, at_all_times([pairs]), before.u, system.dtype, self._retained)
             if self.integrator.tangent == StepTangent.DIAGONAL.value:
                 force += np.einsum("nij,nj->ni", K.diagonal_blocks(), w.reshape(-1, system.mesh.d)).ravel()
             else:

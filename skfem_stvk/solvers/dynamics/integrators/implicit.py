@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg.lapack import dposv
 
 from ....arguments import Array, choice, number
-from ....edges.pairs import couples_pairs_of
+from ....edges.bound_term import couples_pairs_of
 from ....linear import BlockJacobiCg, Kind, LinearSolver, SsorCg, choose
 from ....linear.choose import is_auto
 from ....linear.dense import DenseSolver

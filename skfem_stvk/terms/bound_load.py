@@ -1,0 +1,55 @@
+"""What a load on a body can do."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any
+
+from ..arguments import Array
+from ..edges import NodeBlocks
+from ..edges.bound_term import Bound, PlainBound
+from .loads.load import Time
+
+
+class BoundLoad(Bound, ABC):
+    """Load on a body at displacements `u` (nv, d) and load factor or time `t`.
+
+    Attributes
+    ----------
+    has_potential
+        Whether its force is minus the gradient of a potential; otherwise its stiffness is not symmetric.
+    dead
+        Whether its force does not depend on the displacements: its potential is linear in `u`, and it has no stiffness.
+    steady
+        Whether the load is constant in time, that is, not a function.
+    """
+
+    has_potential: bool = True
+    dead: bool = True
+    steady: bool = True
+
+    @abstractmethod
+    def potential(self, u: Array, t: Time) -> float:
+        """Return the potential [J] of the load at `u` (nv, d); the force is `-d potential/du`."""
+
+    @abstractmethod
+    def add_force(self, u: Array, t: Time, out: Array) -> None:
+        """Add the external force [N] to `out` (nv, d)."""
+
+    def add_blocks(self, u: Array, t: Time, blocks: NodeBlocks) -> None:
+        """Add the blocks of `-d force/du` [N/m] at `u` (nv, d); a dead load has none."""
+
+
+class PlainLoad(PlainBound, BoundLoad):
+    """Load of a user's class that does not inherit from `BoundLoad`."""
+
+    def potential(self, u: Array, t: Time) -> float:
+        return float(self.of.potential(u, t))
+
+    def add_force(self, u: Array, t: Time, out: Array) -> None:
+        self.of.add_force(u, t, out)
+
+
+def bound_load(load: Any) -> BoundLoad:
+    """Return the load with all members of `BoundLoad`."""
+    return load if isinstance(load, BoundLoad) else PlainLoad(load)
