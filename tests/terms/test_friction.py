@@ -153,13 +153,11 @@ def rubbing(contact, x=0.0):
 
 def friction_at(system, u, start):
     """Return the friction (nv, 3) [N] at `u`, after a step of 1 ms from `start`."""
-    motion, term = Motion(system, None, None), system.contacts[0]
-    forces = np.zeros((2, *u.shape))
-    system.commit(start.ravel(), motion.moment(0.0))
+    motion, forces = Motion(system, None, None), np.zeros((2, *u.shape))
+    motion.begin_step(system.advanced(system.first_history(), start.ravel(), motion.moment(0.0)))
     for t, force in zip((1e-3, 0.0), forces, strict=True):
-        term.at(motion.moment(t))
+        (term,) = system.contacts_at(motion.moment(t))
         term.energy_and_force(u, force)
-    term.at(motion.moment(1e-3))
     return forces[0] - forces[1]
 
 
