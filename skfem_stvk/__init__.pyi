@@ -34,7 +34,6 @@ from .referee.vectors import published_vectors as published_vectors
 from .referee.verification import verify as verify
 from .results import compare_networks as compare_networks
 from .results import write_mesh as write_mesh
-from .results.state_files import read_state as read_state
 from .scenes import Scene as Scene
 from .solvers.dynamics import BackwardEuler as BackwardEuler
 from .solvers.dynamics import EdgeDamping as EdgeDamping
@@ -56,6 +55,7 @@ from .solvers.dynamics.simulate import simulate as simulate
 from .solvers.newton.outcome import Interrupted as Interrupted
 from .solvers.reduced import PrecomputedResponse as PrecomputedResponse
 from .solvers.reduced import ReducedSystem as ReducedSystem
+from .solvers.runs.state_files import read_state as read_state
 from .solvers.statics import SolveError as SolveError
 from .solvers.statics import StaticResult as StaticResult
 from .solvers.statics import Stop as Stop

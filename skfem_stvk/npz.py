@@ -1,14 +1,16 @@
-"""Reading of NPZ files from untrusted sources: their arrays, or an error message."""
+"""Arrays and numbers in files: NPZ files from untrusted sources, and the types of the fields of records in them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Annotated, Any, TypeAlias
 from zipfile import ZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .arguments import Array
 from .errors import StvkError
@@ -82,3 +84,53 @@ def _declared(content: IO[bytes]) -> int:
     old = np.lib.format.read_magic(content) == (1, 0)
     shape, _, dtype = (np.lib.format.read_array_header_1_0 if old else np.lib.format.read_array_header_2_0)(content)
     return prod(shape) * int(dtype.itemsize)
+
+
+@dataclass(frozen=True)
+class Within:
+    """Bounds of a number in the file of a record. It is finite, unless `finite` is False."""
+
+    least: float | None = None
+    most: float | None = None
+    finite: bool = True
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Callable[[Any], dict[str, Any]]) -> dict[str, Any]:
+        limits = {"ge": self.least, "le": self.most, "allow_inf_nan": None if self.finite else True}
+        return handler(source) | {name: limit for name, limit in limits.items() if limit is not None}
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Type of an array in the file of a record.
+
+    It has `ndim` axes (None for any number) and entries of one of the `types`, which are finite, unless `finite` is False. With
+    `by_dof`, its last axis has one entry for each degree of freedom. The file of the record has the name of the array in its place.
+    """
+
+    ndim: int | None
+    types: tuple[type, ...] = (np.float64,)
+    finite: bool = True
+    by_dof: bool = False
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema  # imported only for files
+
+        return core_schema.with_info_plain_validator_function(lambda name, info: info.context(name, self))
+
+    def check(self, name: str, array: Array) -> None:
+        """Raise ValueError, with a message, if an array is not of this type."""
+        if array.dtype in self.types and self.ndim in (None, array.ndim) and not (self.finite and not np.isfinite(array).all()):
+            return
+        axes = "" if self.ndim is None else f" with {self.ndim} axes"
+        expected = f"{'finite ' * self.finite}{' or '.join(one.__name__ for one in self.types)}{axes}"
+        raise ValueError(f"the array '{name}' is {array.dtype} of shape {array.shape}; expected {expected}")
+
+
+#: Number of things in the file of a record, and a measured value, which may be infinite or NaN.
+Count: TypeAlias = Annotated[int, Within(0)]
+Measured: TypeAlias = Annotated[float, Within(finite=False)]
+#: Vector (ndofs,) and vectors (n, ndofs) of the space of a body in the file of a record, numbers (n,), and ids (n,).
+Vector: TypeAlias = Annotated[Array, Stored(1, by_dof=True)]
+Vectors: TypeAlias = Annotated[Array, Stored(2, by_dof=True)]
+Numbers: TypeAlias = Annotated[Array, Stored(1)]
+Ids: TypeAlias = Annotated[NDArray[np.int64], Stored(1, (np.int64,))]

@@ -4,7 +4,7 @@ import os
 
 import pytest
 from hypothesis import settings
-from slow import mark_thinned
+from slow import mark_all_but_few
 
 # Tests have no time limit, because the first example may compile a kernel. Examples are the same in every run. Failing examples are
 # printed, so that they can be run again.
@@ -53,5 +53,5 @@ def pytest_xdist_make_scheduler(config, log):
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
     """Mark slow tests. Run tests on several ranks last: the kernels are compiled then, and not by all ranks at the same time."""
-    mark_thinned(items)
+    mark_all_but_few(items)
     items.sort(key=lambda item: "on_ranks" in getattr(item, "fixturenames", ()))

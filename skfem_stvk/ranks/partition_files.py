@@ -8,11 +8,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import PositiveInt
 
 from ..arguments import path as checked_path
 from ..arguments import whole
@@ -21,8 +20,9 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh
 from ..mesh.element import named
 from ..mesh.read import PARTITIONS
+from ..npz import Within
 from ..results.complete_files import output_path, replacing
-from ..results.store import Record, digest_of
+from ..solvers.runs.archive import STRICT, digest_of, validated
 from .partition import INSTALL, Ids, PartContent, divide, join
 
 #: Name of the format, and its version, which changes with the content of the files.
@@ -31,18 +31,22 @@ PARTS = 64
 #: Memory for reading and dividing a mesh [bytes], measured on 0.1 to 4 million elements: of the imports, for each corner of
 #: simplices and of other elements, and for each of their further nodes.
 IMPORTS, CORNER, OTHER_CORNER, FURTHER = 2e8, 110, 155, 30
+Positive: TypeAlias = Annotated[int, Within(1)]
 #: Fields of a part with arrays by name, and its other arrays.
 NAMED = ("subdomains", "boundaries", "node_sets", "lines", "boundary_numbers", "line_numbers")
 ARRAYS = ("p", "t", "node_numbers", "element_numbers", "surface", "shared", "vertices")
 
 
-class PartitionHeader(Record):
+@dataclass(frozen=True)
+class PartitionHeader:
     """Entries that all parts of a file have in common: names by kind, numbers of the whole mesh, and its bounds."""
 
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+
     element: str
-    parts: PositiveInt
-    nodes: PositiveInt
-    elements: PositiveInt
+    parts: Positive
+    nodes: Positive
+    elements: Positive
     bounds: list[list[float]]
     names: dict[Literal[NAMED], list[str]]  # type: ignore[valid-type]
 
@@ -143,7 +147,7 @@ def read_part(path: str | os.PathLike[str], rank: int, ranks: int) -> PartConten
         text = source["header"].asstr()[()]
         if source.attrs["digest"] != digest_of(text, {}):
             raise ValueError("its header was changed after it was written")
-        header = PartitionHeader.model_validate_json(text)
+        header = validated(PartitionHeader, json.loads(text))
         if ranks > (parts := header.parts):
             raise MeshError(
                 f"{file} has {parts} part{'s' * (parts > 1)}; expected at least one for each of the {ranks} ranks. Divide the mesh "

@@ -6,10 +6,9 @@ import errno
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryFile
-from typing import Any, TypeVar, cast
+from typing import TypeVar, cast
 
 from .. import arguments
 from ..errors import StvkError
@@ -164,32 +163,3 @@ def output_folder(path: Path) -> Path:
             f"The checkpoint {path} cannot be written: {error.strerror}. Its parent must be an existing folder."
         ) from error
     return path
-
-
-@dataclass(frozen=True)
-class OutputFiles:
-    """Options of `solve_static` and `simulate` for their files."""
-
-    save: Path | None = None  # the .pvd file of a series of states
-    checkpoint: Path | None = None  # its folder
-    resume: bool = False  # whether to continue from the checkpoint
-    overwrite: bool = False  # whether to replace files of another problem
-    fields: Any = None  # names of further fields of its states, None for the usual ones
-    every: int | None = None  # steps from one state of the series to the next, None for the usual number
-
-    @classmethod
-    def checked(cls, *, save: Any, fields: Any, checkpoint: Any, resume: Any, overwrite: Any, every: Any = None) -> OutputFiles:
-        """Return the options of these keywords: paths that can be written, and a checkpoint if it is to be resumed."""
-        if every is not None:
-            every = arguments.whole("every", every, "a whole number of steps, at least 1", least=1)
-        if save is not None:
-            save = output_path(arguments.path("save", save, "the path of a file such as 'flag.pvd'"), ".pvd")
-        if checkpoint is not None:
-            checkpoint = arguments.path("checkpoint", checkpoint, "the path of a folder such as 'flag'")
-        if arguments.flag("resume", resume) and checkpoint is None:
-            raise StvkError("resume = True; expected a checkpoint to resume: pass checkpoint='FOLDER'.")
-        return cls(save, checkpoint, bool(resume), arguments.flag("overwrite", overwrite), fields, every)
-
-
-#: Options of a motion without files.
-NO_FILES = OutputFiles()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import StvkError, warn
-from ..space import Space
+from ..space import ONE_PROCESS, Communicator
 from .complete_files import content_of, in_all_parts
 
 #: Error numbers by which systems report that a disk has no locks, such as some network disks.
@@ -28,11 +28,11 @@ class OneWriter:
     with the process that holds it, in any case; forked children do not hold it. The holder writes its name to `.writer` or
     `.NAME.writer`. `with` refuses another writer. On a disk without locks, two writers are not detected, and a warning says so.
 
-    In a divided body, whose displacements have the `space`, the leading part has the lock for all parts.
+    In a divided body, whose parts communicate by `comm`, the leading part has the lock for all parts.
     """
 
-    def __init__(self, path: Path, space: Space | None = None) -> None:
-        self.path, self.space = path, space or Space(0)
+    def __init__(self, path: Path, comm: Communicator = ONE_PROCESS) -> None:
+        self.path, self.comm = path, comm
         self._lock: Any = None  # of filelock
         self._process = 0
 
@@ -46,8 +46,8 @@ class OneWriter:
 
     def __enter__(self: Entered) -> Entered:
         try:
-            with in_all_parts(self.space.comm):
-                if self.space.comm.leads:
+            with in_all_parts(self.comm):
+                if self.comm.leads:
                     self._acquire()
             self._process = os.getpid()
             self.opened()

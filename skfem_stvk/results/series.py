@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arguments import flag, number
 from ..errors import StvkError, warn
-from ..space import Space
+from ..space import ONE_PROCESS, Space
 from ..system.signature import Fingerprint, Signature
 from .complete_files import cannot_write, in_all_parts, of_leader, output_path, replacing
 from .fields import State, checked_state
@@ -72,7 +72,7 @@ class Series(OneWriter):
         overwrite: bool = False,
         space: Space | None = None,
     ) -> None:
-        super().__init__(output_path(path, ".pvd"), space)
+        super().__init__(output_path(path, ".pvd"), ONE_PROCESS if space is None else space.comm)
         self.fields = tuple(field.name for field in find_all(DEFAULT if fields is None else fields))
         self.resume = flag("resume", resume)
         self._until = np.inf if isinstance(until, float) and until == np.inf else number("until", until, "a time, or infinity")
@@ -80,12 +80,12 @@ class Series(OneWriter):
         self._problem, self._overwrite = problem, overwrite
         self._begun = False
         if resume:
-            of_leader(self.space.comm, self._read)
+            of_leader(self.comm, self._read)
 
     def opened(self) -> None:
         self._refuse_other()
-        if self.resume:
-            self.steps = of_leader(self.space.comm, self._retained_steps)
+        if self.resume and not self.steps:
+            self.steps = of_leader(self.comm, self._retained_steps)
 
     def add(self, state: State, t: float) -> Path:
         """Write the next step, at the load factor or time `t` (by which ParaView orders them), and list it.
@@ -100,7 +100,7 @@ class Series(OneWriter):
             if the disk is full, for example.
         """
         t = number("t", t, "a finite load factor or time")
-        if checked_state(state).fields.mesh.space.comm.divided != self.space.comm.divided:
+        if checked_state(state).fields.mesh.space.comm.divided != self.comm.divided:
             raise StvkError(
                 "The state belongs to a part of a body, but the series does not; expected Series(..., space=system.space)."
             )
@@ -111,10 +111,10 @@ class Series(OneWriter):
         if not self._begun:
             self._begin(t)
         last = int(self.steps[-1][1].stem.rpartition("_")[2]) if self.steps else -1
-        file = self.path.with_name(f"{self.path.stem}_{last + 1:04d}.{'pvtu' if self.space.comm.divided else 'vtu'}")
+        file = self.path.with_name(f"{self.path.stem}_{last + 1:04d}.{'pvtu' if self.comm.divided else 'vtu'}")
         write_vtu(file, state, self.fields)
         steps = [*self.steps, (t, file)]
-        of_leader(self.space.comm, lambda: self._write(steps))
+        of_leader(self.comm, lambda: self._write(steps))
         self.steps = steps
         return file
 
@@ -128,8 +128,7 @@ class Series(OneWriter):
     def _begin(self, t: float) -> None:
         """Remove the steps of an older run, from `t` on or all; first from the list, so that it never names a missing file."""
         assert self._problem is None or self._problem.signature  # all parts compute it
-        listed = of_leader(self.space.comm, self._retained_steps) if self.resume else []
-        self._retain(of_leader(self.space.comm, self._previous_steps), [step for step in listed if step[0] < t])
+        self._retain(of_leader(self.comm, self._previous_steps), [step for step in self.steps if step[0] < t])
         self._begun = True
 
     def _previous_steps(self) -> list[tuple[float, Path]]:
@@ -143,8 +142,6 @@ class Series(OneWriter):
 
     def _retained_steps(self) -> list[tuple[float, Path]]:
         """Return the steps of a resumed series whose files exist."""
-        if self.steps:
-            return self.steps
         listed = [step for step in self._read() if step[0] <= self._until]
         existing = [step for step in listed if step[1].is_file()]
         if len(existing) < len(listed):
@@ -154,8 +151,8 @@ class Series(OneWriter):
 
     def _retain(self, previous: list[tuple[float, Path]], retained: list[tuple[float, Path]]) -> None:
         """Retain these steps of the former ones, and remove the others."""
-        with in_all_parts(self.space.comm):
-            if self.space.comm.leads:
+        with in_all_parts(self.comm):
+            if self.comm.leads:
                 if retained:
                     self._write(retained)
                 else:
@@ -181,7 +178,7 @@ class Series(OneWriter):
         """Refuse the series of another problem."""
         if self._problem is None or (self._overwrite and not self.resume):
             return
-        written = of_leader(self.space.comm, self._written_problem)
+        written = of_leader(self.comm, self._written_problem)
         if written is None:
             return
         if differences := self._problem.differences(written):

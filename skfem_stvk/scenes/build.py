@@ -21,11 +21,11 @@ from ..errors import RegionError, StvkError, name_known
 from ..mesh import ElementMesh
 from ..mesh.locations import Box, Where, vertices_at
 from ..mesh.read import is_partition
-from ..results.state_files import read_state
 from ..results.table import find
 from ..solvers.dynamics import Integrator
 from ..solvers.dynamics.ledger_rows import refuse_name_of_column
 from ..solvers.dynamics.motion import Motion
+from ..solvers.runs.state_files import read_state
 from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs
@@ -387,7 +387,6 @@ def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built
     with complaints.at(), _naming_terms(complaints, mesh, terms, sections.units):
         options = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
         system = System(mesh, terms, fixed or None, prescribed or None, **options, units=sections.units)
-        system.remarked = True  # the scene has remarks of its own, with its keys
     complaints.refuse()
     assert system is not None
     _check_energies(complaints, sections, system)

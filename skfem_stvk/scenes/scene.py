@@ -17,7 +17,7 @@ from ..errors import StvkError
 from ..kernels.threads import threads
 from ..results.complete_files import replacing
 from ..results.one_writer import OneWriter
-from ..results.state_files import parts_of_state
+from ..solvers.runs.state_files import parts_of_state
 from ..system import System
 from ..terminal import html_table
 from .build import Built, build, check, partition_of

@@ -24,7 +24,7 @@ from ..results.series import read_list
 from ..results.table import NODAL, labels_of_files
 from ..results.vtu import DEFAULT, read_vtu
 from ..solvers.dynamics import Modes, Run
-from ..solvers.dynamics.ledger import AXES, draw, energy_panels, thinned
+from ..solvers.runs.ledger import AXES, draw, energy_panels, thinned
 from ..solvers.statics import StaticResult
 from ..terms.loads.rigid_shapes import RigidShape
 from ..units import UNITS

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,6 @@ from ..edges.pairs import PairTerm
 from ..errors import ContactError, RegionError, StvkError, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
-from ..space import Space
 from ..terms import (
     Body,
     BoundLoad,
@@ -51,7 +49,8 @@ class BoundTerms:
         quadrature: Quadrature | None = None,
         connectivity: Connected | None = None,
     ) -> None:
-        self.mesh, self.dtype, self.terms = mesh, np.dtype(dtype), tuple(terms)
+        self.mesh, self.space, self.ndofs = mesh, mesh.space, mesh.p.size
+        self.dtype, self.terms = np.dtype(dtype), tuple(terms)
         beside = () if connectivity is None else connectivity.beside
         of = (0,) * len(self.terms) if connectivity is None else connectivity.of
         self.loads: tuple[Load, ...] = tuple(filter(is_load, self.terms))
@@ -106,11 +105,16 @@ class BoundTerms:
             if not known[elements].all():
                 self._with_volume.append((elements, term))
             known[elements] = True
-
-    @property
-    def space(self) -> Space:
-        """Space of the displacements of all nodes, which combines the results of the parts of a divided mesh."""
-        return self.mesh.space
+        self.working_contacts = [term for term in self.contacts if term.does_work]
+        self.elastic_names = [name for name, term in self._named if not is_load(term)]
+        self.without_energy = [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
+        elastic = not self.without_energy and all(term.symmetric for term in self.bound_terms)
+        self.conservative = elastic and all(load.has_potential for load in self.bound_loads)
+        self.dead = elastic and all(load.dead for load in self.bound_loads)
+        self.constant_tangent = self.dead and all(term.constant_tangent for term in self.bound_terms)
+        self.quartic = all(term.quartic for term in self.bound_terms)
+        self.resists_inversion = any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
+        self.removed, self.bare = np.flatnonzero(self.body.removed), np.flatnonzero(self.body.bare)
 
     def _terms_on(self, number: int) -> list[Any]:
         """Return the elastic terms on the mesh, for number 0, or on one of the meshes of lower dimensions."""
@@ -125,32 +129,6 @@ class BoundTerms:
     @property
     def _on_elements_of_mesh(self) -> list[tuple[Any, BoundElements]]:
         return [(specification, term) for number, specification, term in self.on_elements if number == 0]
-
-    @property
-    def removed(self) -> NDArray[np.int64]:
-        """Ids of the removed elements, ascending: see `System.without`."""
-        return np.flatnonzero(self.body.removed)
-
-    @property
-    def bare(self) -> NDArray[np.int64]:
-        """Nodes that have lost all their elements by removal, ascending."""
-        return np.flatnonzero(self.body.bare)
-
-    def elements_to_remove(self, elements: Any) -> NDArray[np.int64]:
-        """Return the ids of the named elements that are not removed yet, ascending; errors as in `System.without`."""
-        ids_or_mask = whole_array(elements)
-        none = ids_or_mask is not None and (
-            ids_or_mask.shape == (0,) or (ids_or_mask.dtype == bool and ids_or_mask.shape == (self.mesh.nt,))
-        )
-        none = none and not np.any(ids_or_mask)
-        ids = np.empty(0, dtype=np.int64) if none else self.mesh.elements(elements)
-        removed = self.body.removed.copy()
-        removed[ids] = True
-        if removed.all():
-            raise RegionError(
-                f"All {self.mesh.nt} elements would be removed; expected at least one to remain. Is the limit or the mask inverted?"
-            )
-        return np.flatnonzero(removed & ~self.body.removed)
 
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
@@ -193,40 +171,6 @@ class BoundTerms:
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
         self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
         self._sort()
-
-    @property
-    def elastic_names(self) -> list[str]:
-        """Names of `elastic_terms` in `energies` and in messages: type and number among all terms."""
-        return [name for name, term in self._named if not is_load(term)]
-
-    @cached_property
-    def without_energy(self) -> list[str]:
-        """Names of the elastic terms without an energy, that is, whose force is not a gradient."""
-        return [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
-
-    @property
-    def resists_inversion(self) -> bool:
-        """Whether a term resists the inversion of elements, as `VolumePenalty` does."""
-        return any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
-
-    @property
-    def conservative(self) -> bool:
-        """Whether all terms have an energy and all loads a potential; if not, the Jacobian is not symmetric."""
-        return self._elastic and all(load.has_potential for load in self.bound_loads)
-
-    @property
-    def dead(self) -> bool:
-        """Whether all loads are dead, that is, keep size and direction. Then the Jacobian is the tangent of an energy."""
-        return self._elastic and all(load.dead for load in self.bound_loads)
-
-    @property
-    def constant_tangent(self) -> bool:
-        """Whether the Jacobian is the same at all displacements and times: linear terms under dead loads."""
-        return self.dead and all(term.constant_tangent for term in self.bound_terms)
-
-    @property
-    def _elastic(self) -> bool:
-        return not self.without_energy and all(term.symmetric for term in self.bound_terms)
 
     def terms_at(self, t: Time) -> tuple[BoundTerm, ...]:
         """Return the bound terms at the load factor or moment `t`, with the history of its step."""
@@ -298,25 +242,6 @@ class BoundTerms:
         x, y = self._state(u), self._state(v, "v")
         return self.space.comm.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
 
-    def contact_limit(self, u: ArrayLike, v: ArrayLike, t: Time = 0.0) -> tuple[float, str]:
-        """Return the largest `s` up to which no contact is passed on the way `u + s v` at `t`, and its name; infinity and ""."""
-        limits = [(term.contact_limit(self._state(u), self._state(v, "v")), term.name) for term in self.contacts_at(t)]
-        return min(limits, default=(np.inf, ""))
-
-    def refuse_start(self, u: ArrayLike, t: Time = 0.0) -> None:
-        """Raise ContactError if surfaces that repel each other intersect at the start `u` (ndofs,), or lie inside each other."""
-        for term in self.contacts_at(t):
-            term.refuse_start(self._state(u))
-
-    def passed_contact(self, u0: ArrayLike, u1: ArrayLike, t: Time = 0.0) -> str:
-        """Return the name of a contact that is passed through from `u0` to `u1` over the step of `t`; "" if there is none."""
-        return next((term.name for term in self.contacts_at(t) if term.passes(self._state(u0), self._state(u1))), "")
-
-    @property
-    def working_contacts(self) -> list[BoundContact]:
-        """Bound terms of contact that move or rub."""
-        return [term for term in self.contacts if term.does_work]
-
     def contacts_at(self, t: Time) -> list[BoundContact]:
         """Return the contacts at the load factor or moment `t`, with the history of its step."""
         return [term for term in self.terms_at(t) if isinstance(term, BoundContact)] if self.contacts else []
@@ -325,13 +250,7 @@ class BoundTerms:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
         if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
-        return self.mesh.ids_of_all(self.inverted_here(u))
-
-    def inverted_here(self, u: ArrayLike) -> NDArray[np.int64]:
-        """Return the ids of `inside_out` in this part of a divided body."""
-        x = self._state(u)
-        inverted = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
-        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *inverted]))
+        return self.mesh.ids_of_all(inverted_in_part(self, u))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
         """Return the smallest principal stretch of the mesh's elements at `u`: 1 at rest, 0 if flat. Errors as in `energy`.
@@ -348,16 +267,7 @@ class BoundTerms:
 
         StateError as in `energy`.
         """
-        return self.mesh.ids_of_all(self.compressed_here(u, below))
-
-    def compressed_here(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
-        """Return the ids of `compressed` in this part of a divided body."""
-        x, below = self._state(u), number("below", below, "a finite stretch")
-        ids = [np.empty(0, dtype=np.int64)]
-        for specification, term in self._on_elements_of_mesh:
-            if term.smallest_stretch(x) < below:
-                ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
-        return np.unique(np.concatenate(ids))
+        return self.mesh.ids_of_all(compressed_in_part(self, u, below))
 
     @property
     def _named(self) -> list[tuple[str, Any]]:
@@ -366,6 +276,39 @@ class BoundTerms:
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Return displacements as (nv, d). All parts of a divided body call this method together."""
         return self.space.comm.together(by_vertex, self.mesh, u, name)
+
+
+def inverted_in_part(body: BoundTerms, u: ArrayLike) -> NDArray[np.int64]:
+    """Return the ids of the elements of `inside_out` in this part of a divided body."""
+    x, ids = body._state(u), [np.empty(0, dtype=np.int64)]
+    ids += [elements[term.volume_ratios(x) <= FLAT] for elements, term in body._with_volume]
+    return np.unique(np.concatenate(ids))
+
+
+def compressed_in_part(body: BoundTerms, u: ArrayLike, below: float) -> NDArray[np.int64]:
+    """Return the ids of the elements of `compressed` in this part of a divided body."""
+    x, below, ids = body._state(u), number("below", below, "a finite stretch"), [np.empty(0, dtype=np.int64)]
+    for specification, term in body._on_elements_of_mesh:
+        if term.smallest_stretch(x) < below:
+            ids.append(body.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
+    return np.unique(np.concatenate(ids))
+
+
+def elements_to_remove(body: BoundTerms, elements: Any) -> NDArray[np.int64]:
+    """Return the ids of the named elements that are not removed yet, ascending; errors as in `System.without`."""
+    ids_or_mask = whole_array(elements)
+    none = ids_or_mask is not None and (
+        ids_or_mask.shape == (0,) or (ids_or_mask.dtype == bool and ids_or_mask.shape == (body.mesh.nt,))
+    )
+    none = none and not np.any(ids_or_mask)
+    ids = np.empty(0, dtype=np.int64) if none else body.mesh.elements(elements)
+    removed = body.body.removed.copy()
+    removed[ids] = True
+    if removed.all():
+        raise RegionError(
+            f"All {body.mesh.nt} elements would be removed; expected at least one to remain. Is the limit or the mask inverted?"
+        )
+    return np.flatnonzero(removed & ~body.body.removed)
 
 
 def _refuse_not_additive(terms: Sequence[Any]) -> None:

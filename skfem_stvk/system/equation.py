@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ..arguments import Array
 from ..linear import Factors, Solution
+from ..mesh.displacements import by_vertex
 from ..terms.loads.load import Time
 from .coordinates import Coordinates, DenseTangent
 from .free_tangent import FreeTangent
@@ -84,7 +85,8 @@ class Equation:
         if not self.system.contacts:
             return float("inf"), ""
         with self._watch("assemble"):
-            return self.system.contact_limit(self._body_state(u), v, t)
+            x, y = (by_vertex(self.system.mesh, w) for w in (self._body_state(u), v))
+            return min((term.contact_limit(x, y), term.name) for term in self.system.contacts_at(t))
 
     def way_is_free(self, u: Array, found: Array, t: Time) -> bool:
         """Return as in `Problem`; states with inverted elements must pass through zero volume."""

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from math import nan
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,7 +23,7 @@ from ..kernels.threads import CopyableLock, locked
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import array_to_fill, by_vertex
-from ..mesh.locations import DofsView, describe
+from ..mesh.locations import DofsView
 from ..terminal import html_table
 from ..terms import (
     BoundLoad,
@@ -40,7 +38,7 @@ from ..terms.connectivity import connected
 from ..terms.loads.load import Time
 from ..terms.loads.rigid_contact import BoundRigidContact, Displacement
 from ..units import UNITS, implausible_moduli
-from .bound import BoundTerms, checked_terms
+from .bound import BoundTerms, checked_terms, elements_to_remove
 from .divided import refuse_divided
 from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
@@ -104,15 +102,52 @@ class System(BoundTerms):
 
     Attributes
     ----------
+    mesh, space, ndofs
+        The mesh; the space of the displacements of all nodes, `space.n = ndofs = d nv`.
+    supports
+        Fixed and prescribed degrees of freedom.
+    bound_terms, bound_loads
+        Elastic terms and loads with the data of this mesh.
+    contacts, working_contacts
+        Bound terms of contact, and those of contacts that move or rub.
+    elastic_names, without_energy
+        Names of the elastic terms, type and number among all terms; and of those whose force is not the gradient of an energy.
+    conservative
+        Whether all terms have an energy and all loads a potential; if not, the Jacobian is not symmetric.
+    dead
+        Whether all loads are dead, that is, keep size and direction. Then the Jacobian is the tangent of an energy.
+    constant_tangent
+        Whether the Jacobian is the same at all displacements and times: linear terms under dead loads.
+    quartic
+        Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not.
+    resists_inversion
+        Whether a term resists the inversion of elements, as `VolumePenalty` does.
+    removed, bare
+        Ids of the removed elements, see `without`, and of nodes that have lost all their elements, ascending.
+    made_from, made_of
+        Mesh or points from which the system was built, and its other arguments by name, as passed in.
     units
         The system of units.
-    remarked
-        Whether the remarks of `implausible` were made already, so that headers of runs leave them out.
 
     Raises
     ------
     MeshError, MaterialError, RegionError, LoadError, SupportError
         if mesh, terms, loads or supports are invalid for an elastic body, before any computation, with ids.
+
+    Notes
+    -----
+    Arguments that methods share:
+
+    - `u`: (ndofs,) displacements [m].
+    - `t`: load factor in statics, time [s] in motions; or a `Moment`.
+    - `out`: matrix that the method returned before, which is overwritten; by default K is a new matrix.
+    - `free`: result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements
+      contribute, this part is assembled directly.
+    - `kept`: tensions of edges that enter K. `TENSILE` and `NONE` of `skfem_stvk.edges` omit all parts that can make K indefinite,
+      including that of the pressure of a `VolumePenalty`. Then K is positive semi-definite, apart from the loads.
+
+    Methods raise StateError if `u` or another vector does not have one finite entry for each degree of freedom, or is so large that
+    the result overflows; or if `t` is not finite. They raise StvkError if `out` has another pattern.
 
     Examples
     --------
@@ -143,12 +178,12 @@ class System(BoundTerms):
         dtype: DTypeLike = np.float64,
         units: str = "SI",
     ) -> None:
-        self.units, self.remarked = UNITS[choice("units", units, UNITS)], False
+        self.units = UNITS[choice("units", units, UNITS)]
         own = {"quadrature": quadrature, "hourglass": hourglass, "dtype": dtype, "units": units}
-        self._made_of: dict[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
+        self.made_of: Mapping[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
         double = _float_type(dtype) == np.float64
         found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
-        mesh, self._made_from = found.mesh, found.source
+        mesh, self.made_from = found.mesh, found.source
         rule = checked_quadrature(mesh, quadrature, hourglass)
         check_mesh(mesh, found.beside, in_parts=any(isinstance(term, MeshContact) for term in found.terms))
         if not double:
@@ -206,7 +241,7 @@ class System(BoundTerms):
         refuse_divided(
             self.space.comm, "System.without(elements)", "all elements", "parts do not exchange which nodes lose elements."
         )
-        ids = self.elements_to_remove(elements)
+        ids = elements_to_remove(self, elements)
         if not len(ids):
             return self
         self._refuse_terms_without_removal()
@@ -222,8 +257,7 @@ class System(BoundTerms):
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
         whole = self._bare or BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
         super()._remove_elements(elements)
-        for name in ("grounded", "reaction_shares"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("grounded", None)
         self._bare = BareDiagonal(whole.stiffness, self.bare)
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
@@ -266,19 +300,6 @@ class System(BoundTerms):
         self._follower_loads = [blocks.with_term(load) for blocks, load in followers]
         self._operator = None
 
-    @property
-    def made_from(self) -> MeshLike:
-        """Mesh or points from which the system was built; terms may have added simplices of their own."""
-        return self._made_from
-
-    @property
-    def made_of(self) -> Mapping[str, Any]:
-        """Arguments of the system other than the mesh, as passed in.
-
-        The keys are `terms`, `fixed`, `prescribed`, `quadrature`, `hourglass`, `dtype` and `units`.
-        """
-        return MappingProxyType(self._made_of)
-
     def _bound_follower_loads(self) -> list[BoundLoad]:
         return [load for load in self.bound_loads if not load.dead]
 
@@ -289,16 +310,9 @@ class System(BoundTerms):
         ----------
         u
             (ndofs,) displacements [m]; those of the supports are overwritten.
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
         """
         u[self.supports.held] = self.supports.values(t)
         return u
-
-    @property
-    def ndofs(self) -> int:
-        """Number of degrees of freedom, `d * nv`."""
-        return self.mesh.p.size
 
     @property
     def pattern_version(self) -> int:
@@ -309,16 +323,6 @@ class System(BoundTerms):
         """Let terms whose pairs follow the body, such as contacts, couple those of the tangent at displacements `u`.
 
         `tangent`, `linearize` and `jacobian` call it. Data that depend on `pattern_version` may have to be made again.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
         """
         if self._with_changing_pairs:
             x = self._state(u)
@@ -348,34 +352,16 @@ class System(BoundTerms):
     def energy(self, u: ArrayLike, t: Time = 0.0) -> float:
         """Return the strain energy `W(u)` [J].
 
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
         Raises
         ------
         StvkError
             if a term has no energy, such as `Corotated(rotation="vertex")`.
-        StateError
-            if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
         self._refuse_without_energy()
         return sum(self.elastic_energies(u, t))
 
     def internal_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
-        """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`."""
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype)
         return self._energy_and_force(u, t, force, check_energy=False)[1].ravel()
 
@@ -384,15 +370,11 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        u
-            (ndofs,) displacements [m].
         out
             Array (ndofs,) to which F is written; by default a new array.
 
         Raises
         ------
-        StateError
-            as `energy`.
         StvkError
             as `energy`, and if `out` is not a contiguous array of floats of that shape.
         """
@@ -406,23 +388,6 @@ class System(BoundTerms):
         """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m].
 
         The pattern is always the same, unless a `MeshContact` couples other nodes, and zeros are stored.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        out
-            Matrix that this method returned before, which is overwritten; by default K is a new matrix.
-        free
-            Result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements contribute,
-            this part is assembled directly.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        StvkError
-            if `out` has another pattern.
         """
         x = self._state(u)
         self.look(u, t)
@@ -437,20 +402,6 @@ class System(BoundTerms):
         """Return `W(u)` [J], `F(u)` (ndofs,) [N] and `K(u)` (ndofs, ndofs) [N/m] from one pass over the elements.
 
         The cost is little more than that of K.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        out
-            Matrix that is overwritten with K, as in `tangent`; by default K is a new matrix.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        StvkError
-            as `energy`, and if `out` has another pattern.
         """
         self._refuse_without_energy()
         x = self._state(u)
@@ -474,15 +425,8 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        u
-            (ndofs,) displacements [m].
         v
             (ndofs,) vector that K is multiplied with [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`, for `v` too.
         """
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
@@ -495,18 +439,6 @@ class System(BoundTerms):
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL, t: Time = 0.0) -> TangentOperator:
         """Return the operator `v -> K(u) v` for `scipy.sparse.linalg`, with its own data.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        kept
-            Tensions of edges that enter K, as in `jacobian`.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
 
         Examples
         --------
@@ -524,17 +456,9 @@ class System(BoundTerms):
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
 
         Raises
         ------
-        StateError
-            as `energy`, for `t` too.
         LoadError
             if a load's function does not return finite values.
         """
@@ -551,17 +475,8 @@ class System(BoundTerms):
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
         """Return the total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
 
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
-
         Raises
         ------
-        StateError, StvkError
-            as `energy` and `external_force`.
         LoadError
             as `external_force`, and if a load has no potential, such as follower pressure.
         """
@@ -577,17 +492,8 @@ class System(BoundTerms):
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the residual `F(u) - f_ext(u, t)` (ndofs,) [N]; in equilibrium only the reactions at the supports are not zero.
 
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
-
         Raises
         ------
-        StateError
-            as `energy`.
         LoadError
             as `external_force`.
         """
@@ -598,30 +504,7 @@ class System(BoundTerms):
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
-        """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m].
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
-        out
-            Matrix that this method returned before, which is overwritten; by default K is a new matrix.
-        kept
-            Tensions of edges that enter K. `TENSILE` and `NONE` of `skfem_stvk.edges` omit all parts that can make K indefinite,
-            including that of the pressure of a `VolumePenalty`. Then K is positive semi-definite, apart from the loads.
-        free
-            Result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements contribute,
-            this part is assembled directly.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        StvkError
-            if `out` has another pattern.
-        """
+        """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]."""
         moment, factors, x = self._moment(t), _checked_tensions(kept), self._state(u)
         self.look(u, t)
         if free is not None:
@@ -636,18 +519,6 @@ class System(BoundTerms):
         """Return `-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead.
 
         Return None if there are none.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
-
-        Raises
-        ------
-        StateError, StvkError
-            as `jacobian`.
         """
         x, moment = self._state(u), self._moment(t)
         conservative = [load for load in self._follower_loads if load.term.symmetric]
@@ -663,13 +534,6 @@ class System(BoundTerms):
         """Return the energy [J] by term: strain energies, and potentials of the loads that have one.
 
         Terms are named by type and number. An elastic term without an energy has NaN.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
         """
         x, moment = self._state(u), self._moment(t)
         elastic = iter(self.elastic_energies(u, t))
@@ -680,18 +544,7 @@ class System(BoundTerms):
         return {name: value for name, value in values.items() if value is not None}
 
     def elastic_energies(self, u: ArrayLike, t: Time = 0.0) -> list[float]:
-        """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy."""
 
         def of_part() -> Array:
             x = by_vertex(self.mesh, u)
@@ -728,56 +581,12 @@ class System(BoundTerms):
         """Degrees of freedom that foundations tie to the ground, ascending."""
         return self.space.union(grounded_dofs(self.bound_terms), self.ndofs)
 
-    @cached_property
-    def reaction_shares(self) -> tuple[dict[str, list[tuple[Any, NDArray[np.int64]]]], Array]:
-        """Degrees of freedom whose reactions belong to a support, and how many supports (ndofs,) each belongs to.
-
-        They are listed with the location of the support, by its words. The force of a foundation belongs to the supports at a node,
-        and to the foundation where there are none.
-        """
-        d, counts = self.mesh.d, np.zeros(self.ndofs)
-        found: dict[str, list[tuple[Any, NDArray[np.int64]]]] = defaultdict(list)
-
-        def add(where: Any, dofs: NDArray[np.int64]) -> None:
-            found[describe(where)].append((where, dofs))
-            counts[dofs] += 1
-
-        tied = np.setdiff1d(self.grounded, self.supports.held)
-        for where, dofs in self.supports.entries:
-            add(where, np.concatenate([dofs, tied[np.isin(tied // d, dofs // d)]]))
-        alone = tied[counts[tied] == 0]
-        for term in self.foundations:
-            add(term.where, np.intersect1d(alone, self.space.union(term.grounded, self.ndofs)))
-        return found, counts
-
     def foundation_force(self, u: ArrayLike) -> Array:
-        """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force."""
         return self._force_on_body(self.foundations, u, "The force of foundations")
 
     def contact_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
-        """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force."""
         return self._force_on_body(self.contacts_at(t), u, "The force of contacts")
 
     def _force_on_body(self, terms: Sequence[Any], u: ArrayLike, name: str) -> Array:
@@ -788,11 +597,6 @@ class System(BoundTerms):
         self.space.comm.together(refuse_overflow, force, name, x)
         return -self.space.share(force).ravel()
 
-    @property
-    def quartic(self) -> bool:
-        """Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not."""
-        return all(term.quartic for term in self.bound_terms)
-
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """Return the coefficients (5,) of the strain energy [J] along `u + s v`, which are exact.
 
@@ -802,15 +606,11 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        u
-            (ndofs,) displacements [m].
         v
             (ndofs,) direction [m].
 
         Raises
         ------
-        StateError
-            as `energy`, for `v` too.
         StvkError
             if the energy is not a quartic, see `quartic`.
         """
@@ -831,16 +631,6 @@ class System(BoundTerms):
 
         The sums times eps estimate the round-off of F. The round-off of the displacements is included, because no `u` can be more
         precise.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `internal_force`.
         """
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
 

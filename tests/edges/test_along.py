@@ -20,6 +20,7 @@ def along(mesh, terms, u, v, dtype=np.float64):
     return sum(term.bind(mesh, dtype).along(u, v) for term in terms)
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", BODIES)
 def test_the_quartic_is_the_energy_along_the_line(name, parts, monkeypatch):
@@ -33,6 +34,7 @@ def test_the_quartic_is_the_energy_along_the_line(name, parts, monkeypatch):
         assert terms_of_s.sum() == pytest.approx(body.energy(u + s * v), abs=1e-13 * np.abs(terms_of_s).sum())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_slope_and_curvature_are_those_of_force_and_tangent(name):
     mesh, terms = BODIES[name]
@@ -69,6 +71,7 @@ def inverse_of_vandermonde():
     return list(zip(*rows, strict=True))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("of_u", "of_v"), [(0.3, 0.3), (1e-10, 1e-10), (1e-10, 1.0), (1.0, 1e-10)])
 @pytest.mark.parametrize("offset", [0.0, 1e6])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane"])

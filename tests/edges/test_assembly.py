@@ -68,6 +68,7 @@ def test_vertices_of_other_terms_are_not_in_the_own_order():
     assert sorted(order.vertices) == [2, 4, 7, 9, 11] and order.t.max() == 4
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_force_is_added_and_K_is_written_or_added(name):
     mesh, terms = BODIES[name]

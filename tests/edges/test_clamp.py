@@ -19,6 +19,7 @@ MESHES = {
 MATERIALS = {"isotropic": {"young": 1.0, "poisson": 0.3}, "orthotropic": {"material": WOOD}}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize("name", MESHES)
 def test_the_clamped_tangent_is_semi_definite_and_exact_in_tension(name, material):

@@ -79,6 +79,7 @@ def voigt_of(young, poisson):
     return C
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", MESHES)
 @pytest.mark.parametrize("plane", [None, "stress"])
 def test_an_isotropic_matrix_in_any_frame_gives_the_isotropic_coefficients(name, plane):
@@ -101,6 +102,7 @@ def test_rotating_body_and_frame_together_changes_nothing():
     assert np.abs(before - other).max() > 1e-3 * np.abs(before).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_coefficients_are_symmetric_and_positive_semi_definite(name):
     mesh, terms = BODIES[name]

@@ -50,6 +50,7 @@ def spins(d):
             yield spin
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("name", BODIES)
 def test_the_force_is_that_of_the_edges(name, parts, monkeypatch):
@@ -75,6 +76,7 @@ def test_damping_is_the_gauss_newton_product_and_has_the_power_2_R(name, seed, a
         assert np.abs(force - wanted).max() < LIMIT * np.abs(wanted).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kept", [ALL, TENSILE])
 @pytest.mark.parametrize("name", BODIES)
 def test_tangents_with_tensions_differ_from_damping(name, kept):
@@ -85,6 +87,7 @@ def test_tangents_with_tensions_differ_from_damping(name, kept):
         assert np.abs(force - product(assembly, u, v, kept)).max() > 1e-3 * np.abs(force).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_rigid_motions_are_not_damped_in_any_state(name):
     mesh, assemblies = CASES[name]
@@ -98,6 +101,7 @@ def test_rigid_motions_are_not_damped_in_any_state(name):
             assert damping(assembly, u, mesh.p.T @ spin.T)[0] > 1e-4 * size
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_damping_is_the_limit_of_small_changes(name):
     mesh, assemblies = CASES[name]

@@ -25,6 +25,7 @@ def test_three_sums_of_the_energy_agree(name):
         assert energy == pytest.approx(assembly.energy_and_force(u, np.zeros_like(u)), rel=1e-12)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_L_is_symmetric_to_the_last_digit(name):
     mesh, terms = BODIES[name]

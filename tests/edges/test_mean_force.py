@@ -72,6 +72,7 @@ def imbalance(force, x):
     return max(sums) / np.abs(force).sum()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("name", BODIES)
 def test_the_force_is_that_of_the_edges(name, parts, monkeypatch):
@@ -104,6 +105,7 @@ def test_mean_forces_have_the_work_of_the_energies_and_balance(name, seed, amoun
         assert imbalance(force, mesh.p.T + (u0 + u1) / 2) < LIMIT
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_with_other_weights_the_work_is_larger_by_the_energy_of_the_change(name):
     mesh, assemblies = CASES[name]
@@ -125,6 +127,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("name", BODIES)
 def test_similar_forces_have_another_work(name, fault):
@@ -135,6 +138,7 @@ def test_similar_forces_have_another_work(name, fault):
         assert abs(excess_of_work(assembly, u0, u1, FAULTS[fault](assembly, u0, u1))) > 1e4 * LIMIT
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in BODIES if CASES[name][0].d > 1])
 def test_forces_along_edges_at_other_positions_have_a_torque(name):
     mesh, assemblies = CASES[name]
@@ -145,6 +149,7 @@ def test_forces_along_edges_at_other_positions_have_a_torque(name):
             assert imbalance(force, mesh.p.T + u0 + theta * (u1 - u0)) < LIMIT < 1e-6 < imbalance(force, mesh.p.T + (u0 + u1) / 2.1)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_a_large_rigid_motion_changes_no_edge(name):
     mesh, assemblies = CASES[name]
@@ -157,6 +162,7 @@ def test_a_large_rigid_motion_changes_no_edge(name):
         assert mean(assembly, u0, u1, (-1.0, 1.0))[0] > 1e-2 * W
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_mean_force_of_equal_states_is_their_force(name):
     mesh, assemblies = CASES[name]
@@ -167,6 +173,7 @@ def test_the_mean_force_of_equal_states_is_their_force(name):
         assert R == 0 and np.abs(force - F).max() < 1e-14 * np.abs(F).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("of_u", "of_v"), [(1e-9, 1e-9), (1.0, 1e-9), (1e-9, 1.0)])
 @pytest.mark.parametrize("offset", [0.0, 2.0**20])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "cable"])

@@ -48,6 +48,7 @@ def test_errors_of_the_force_stay_below_eps_times_the_bound(name):
         assert 0 < np.linalg.norm(error) < 0.3 * np.linalg.norm(bound) and (error < 4 * bound).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_bound_is_tight_for_a_rounded_state(name):
     """Displacements are rounded to single precision, and double precision is taken as exact.
@@ -63,6 +64,7 @@ def test_the_bound_is_tight_for_a_rounded_state(name):
         assert 1e-3 * bound < error < (2 if mesh.k == 1 else 0.3) * bound
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_bound_exceeds_the_force_and_is_added(name):
     mesh, terms = BODIES[name]

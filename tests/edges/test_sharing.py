@@ -72,6 +72,7 @@ def test_folding_gives_the_plain_sum(seed, rows, size, threads, width, dtype):
     assert np.array_equal(slots[:size], plain)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("count", [0, 1, 7, 128, 1000])
 @pytest.mark.parametrize("threads", [1, 2, 3, 64])
 def test_parts_cover_all_rows_once_and_have_equal_sizes(count, threads):

@@ -54,6 +54,7 @@ def in_both_ways(body, u, data, add=False, kept=ALL):
     return data, other, F, G, rows
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("kind", "dtype"), [*((kind, np.float64) for kind in KINDS), ("shuffled", np.float32), slow("hexahedra", np.float32)]
 )
@@ -84,6 +85,7 @@ def test_tensions_have_the_same_factors_as_in_blocks(kind, kept, monkeypatch):
     assert np.abs(K - expected).max() <= 1e-14 * np.abs(expected).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 4])
 @pytest.mark.parametrize(
     ("kind", "dtype"),

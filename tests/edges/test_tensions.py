@@ -56,6 +56,7 @@ def dense(assembly, u, kept):
     return pattern.matrix(data).toarray()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("name", BODIES)
 def test_tensions_are_L_times_squared_elongations(name, parts, monkeypatch):
@@ -80,6 +81,7 @@ def test_tensions_of_small_strains_keep_all_digits_far_from_the_origin():
     assert np.abs(here - there).max() < 1e-14 * np.abs(here).max() > 0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", BODIES)
 def test_the_tangent_is_that_of_the_edges_with_retained_tensions(name, parts, monkeypatch):
@@ -105,6 +107,7 @@ STATES = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("stress", STATES)
 @pytest.mark.parametrize("law", ["isotropic", "general"])
 @pytest.mark.parametrize("kind", KINDS)

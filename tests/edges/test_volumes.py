@@ -26,6 +26,7 @@ def ratios(mesh, u):
     return np.sqrt(np.linalg.det(p @ np.swapaxes(p, 1, 2)) / np.linalg.det(P @ np.swapaxes(P, 1, 2)))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", MESHES)
 def test_ratios_of_volumes_are_in_the_order_of_the_elements(name, parts, monkeypatch):

@@ -30,6 +30,7 @@ def ratios(mesh, u, xi):
     return np.linalg.det(now) / np.linalg.det(rest)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("name", EVERY)
 def test_the_ratio_of_an_element_is_the_smallest_at_its_points_and_nodes(name, parts, monkeypatch):
@@ -75,6 +76,7 @@ def first_root(mesh, u, v):
     return least
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("name", SOLID)
 def test_the_step_limit_is_the_first_root_of_all_cubics(name, parts, monkeypatch):
@@ -90,6 +92,7 @@ def test_the_step_limit_is_the_first_root_of_all_cubics(name, parts, monkeypatch
             assert sign * ratios(mesh, u + s * limit * v, everywhere(mesh))[right].min() > 0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SOLID)
 def test_the_step_limit_of_an_affine_motion_is_exact(name):
     mesh = EVERY[name]
@@ -109,6 +112,7 @@ def test_steps_of_membranes_and_cables_are_not_limited(name):
     assert TERM.bind(mesh).step_limit(np.zeros((mesh.nv, mesh.d)), -mesh.p.T) == np.inf
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY)
 def test_the_smallest_stretch_is_that_of_the_points(name):
     mesh = EVERY[name]
@@ -123,6 +127,7 @@ def test_the_smallest_stretch_is_that_of_the_points(name):
     assert TERM.bind(mesh).smallest_stretch(u) == found.min()
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("name", EVERY)
 def test_compiled_and_readable_kernels_agree(name, monkeypatch):
     mesh = EVERY[name]

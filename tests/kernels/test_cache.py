@@ -12,7 +12,6 @@ import pytest
 import skfem
 from numba.core.caching import FunctionCache
 from numba.core.event import Listener, install_listener
-from slow import slow_but
 
 from skfem_stvk import StvkWarning
 from skfem_stvk.kernels import compiled
@@ -75,7 +74,8 @@ def cache(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("damage", slow_but({"an index cut off", "code with one bit flipped"}, DAMAGE))
+@pytest.mark.few(2)
+@pytest.mark.parametrize("damage", DAMAGE)
 def test_a_damaged_cache_is_reported_deleted_and_compiled_again(damage, cache):
     suffix, change = DAMAGE[damage]
     (file,) = [file for file in cache.rglob(f"*.{suffix}") if file.name.startswith("simplex_topology.lexicographic_order")]

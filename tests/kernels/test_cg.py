@@ -109,6 +109,7 @@ def test_iterates_differ_without_the_filter(solver):
     assert np.abs(found - wanted).max() > 1e-2 * np.abs(wanted).max()
 
 
+@pytest.mark.few
 @preconditioned
 @pytest.mark.parametrize("name", NAMES)
 def test_constrained_components_stay_zero_in_all_vectors(name, solver):
@@ -119,6 +120,7 @@ def test_constrained_components_stay_zero_in_all_vectors(name, solver):
     assert not vectors[:, problem.constrained].any() and (np.abs(vectors[:, problem.indices]).max(axis=1) > 1e-3).all()
 
 
+@pytest.mark.few
 @preconditioned
 @pytest.mark.parametrize("name", NAMES)
 def test_the_preconditioner_is_the_inverse_of_m_symmetric_and_positive_definite(name, solver):
@@ -136,6 +138,7 @@ def test_the_preconditioner_is_the_inverse_of_m_symmetric_and_positive_definite(
     assert np.linalg.cond(inverse @ problem.K) < np.linalg.cond(problem.K)
 
 
+@pytest.mark.few
 @preconditioned
 @pytest.mark.parametrize("name", NAMES)
 def test_compiled_and_readable_preconditioners_agree(name, solver):
@@ -148,6 +151,7 @@ def test_compiled_and_readable_preconditioners_agree(name, solver):
     assert np.abs(found[cg] - found[readable]).max() < 1e-11 * np.abs(found[cg]).max()
 
 
+@pytest.mark.few
 @preconditioned
 @pytest.mark.parametrize("assembled", [False, True])
 @pytest.mark.parametrize("name", NAMES)
@@ -167,6 +171,7 @@ def test_compiled_and_readable_loops_agree(name, assembled, solver):
             assert np.abs(twin).max() > 1e-3 and np.abs(compiled - twin).max() < 1e-9 * np.abs(twin).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("shifted", [False, True])
 @pytest.mark.parametrize("name", NAMES)
 def test_diagonals_agree_and_are_those_of_the_matrix(name, shifted):
@@ -218,6 +223,7 @@ def test_an_interrupted_loop_continues_bit_for_bit(solver):
     assert np.array_equal(whole[0], parts[0]) and np.array_equal(whole[1], parts[1])
 
 
+@pytest.mark.few
 @preconditioned
 @pytest.mark.parametrize("name", NAMES)
 def test_the_loop_ends_soon_after_the_residual_is_small(name, solver):

@@ -19,6 +19,7 @@ def close(one, other, limit=1e-12):
     return np.abs(one - other).max() <= limit * np.abs(other).max()
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("onset", [0.0, 0.07])
 @pytest.mark.parametrize("case", range(len(CASES)))
 def test_compiled_and_readable_kernels_agree(case, onset):

@@ -119,6 +119,7 @@ def quadrature(mesh, kind):
 CASES = [(name, law, kind) for name, mesh in MESHES.items() for law in LAWS for kind in rules(mesh)]
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize(("name", "law", "kind"), CASES)
 def test_all_laws_on_all_elements_are_those_of_the_continuum(name, law, kind, monkeypatch):
     mesh = MESHES[name]
@@ -141,6 +142,7 @@ def test_partly_curved_meshes_store_one_frame_or_one_for_each_point():
     assert 4 * straight._D.size == curved._D.size
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("name", "law", "kind"), CASES)
 def test_quartics_mean_forces_and_damping_agree_with_the_energy(name, law, kind, monkeypatch):
     """The quartic, the work of mean forces, damping as `K v` without stress, and clamped stiffnesses agree with the energy."""
@@ -163,6 +165,7 @@ def test_quartics_mean_forces_and_damping_agree_with_the_energy(name, law, kind,
     assert 2 * half == pytest.approx((damping * v).sum(), rel=1e-12)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name, mesh in MESHES.items() if not mesh.element.is_linear_simplex])
 def test_the_clamp_scales_eigenvalues_of_the_stress_by_sign(name, monkeypatch):
     """The curvature without negative stresses is the largest, and the parts of positive and negative stresses add up.

@@ -128,6 +128,7 @@ def test_the_limiting_element_is_found_at_any_index():
 TET = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("c", "wanted", "limit"),
     [

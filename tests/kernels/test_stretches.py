@@ -28,6 +28,7 @@ def stretches(mesh, u):
     return np.linalg.svd(geometry.axes + gradient, compute_uv=False)[:, ::-1]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", MESHES)
 def test_stretches_are_in_the_order_of_the_elements(name, parts, monkeypatch):

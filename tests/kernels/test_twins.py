@@ -11,7 +11,7 @@ from kernels.parts import in_parts, on_twins
 from kernels.test_readable import LAWS, quadrature, rules
 from kernels.test_readable import MESHES as EVERY_MESH
 from numba.core.dispatcher import Dispatcher
-from slow import slow, slow_but
+from slow import slow
 
 from skfem_stvk import Anisotropic, EdgeNetwork, LinearElastic, SpringNetwork, StVK, System, VolumePenalty
 from skfem_stvk import kernels as compiled_kernels
@@ -94,6 +94,7 @@ def assert_same(one, other, limit):
         assert difference <= limit * np.abs(value).max(), f"{name}: {difference / np.abs(value).max():.1e}"
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("parts", [1, 2, 5])
 @pytest.mark.parametrize("name", BODIES)
 def test_compiled_and_readable_kernels_agree(name, parts, monkeypatch):
@@ -111,6 +112,7 @@ PAIRS = [(name, "isotropic") for name in (*CURVED, "partly curved tetrahedra", "
 ]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize(("name", "law"), PAIRS)
 def test_compiled_and_readable_kernels_agree_on_elements_with_several_points(name, law, parts, monkeypatch):
@@ -177,6 +179,7 @@ def test_kernels_of_penalties_agree_on_inverted_elements(kind, monkeypatch):
         assert_same(results(*body), found, 1e-13)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_one_pass_gives_the_results_of_three_calls(name):
     found = results(*BODIES[name])
@@ -188,7 +191,8 @@ SINGLE = {name: BODIES[name] for name in ("tetrahedra, two regions", "membrane, 
 SINGLE["quadratic tetrahedra"] = CURVED["quadratic tetrahedra"], [LAWS["isotropic"]]
 
 
-@pytest.mark.parametrize("name", slow_but(["tetrahedra, two regions", "cable, area"], SINGLE))
+@pytest.mark.few(2)
+@pytest.mark.parametrize("name", SINGLE)
 def test_kernels_in_single_precision_agree_with_the_readable_ones_in_double(name, monkeypatch):
     in_parts(monkeypatch, 2)
     compiled = results(*SINGLE[name], dtype=np.float32)

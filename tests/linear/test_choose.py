@@ -56,6 +56,7 @@ def test_more_entries_per_row_favour_multigrid(row, solver, monkeypatch):
     assert choose("auto", 10_000, Kind.GENERAL, entries=row * 10_000) == Pardiso()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("installed", [True, False])
 @pytest.mark.parametrize(
     ("make", "degree", "fewest"),

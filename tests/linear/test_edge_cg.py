@@ -38,6 +38,7 @@ def operator_of(name="box", amount=0.05, shift=None):
     return operator, Unknowns(*np.divmod(free.free, d)), np.random.default_rng(3).standard_normal(len(free.free))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("shifted", [False, True])
 def test_both_loops_take_the_same_iterations(name, shifted):
@@ -144,6 +145,7 @@ def test_a_shift_of_another_length_is_refused(solver):
         solver.analyse(unknowns).factorise(operator, SYMMETRIC)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("shift", [0.0, 2.0])
 def test_ssor_solves_with_fewer_iterations_than_diagonal_blocks(name, shift):

@@ -34,6 +34,7 @@ def true_residual(K, x, b):
     return np.linalg.norm(b - K @ x) / np.linalg.norm(b)
 
 
+@pytest.mark.few
 @all_solvers
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("amount", [0.0, 0.2])
@@ -87,6 +88,7 @@ def test_no_load_gives_no_displacement(solver):
     assert (solution.x == 0).all() and solution.residual == 0 and solution.outcome is Outcome.SOLVED
 
 
+@pytest.mark.few
 @all_solvers
 @pytest.mark.parametrize("size", [1e-60, 1e60])
 def test_solutions_are_proportional_to_small_and_large_loads(solver, size):
@@ -97,6 +99,7 @@ def test_solutions_are_proportional_to_small_and_large_loads(solver, size):
     assert np.abs(other / size - one).max() < 1e-6 * np.abs(one).max()
 
 
+@pytest.mark.few
 @all_solvers
 @pytest.mark.parametrize("size", [1e-25, 1e25])
 def test_units_of_stiffness_do_not_matter(solver, size):
@@ -106,6 +109,7 @@ def test_units_of_stiffness_do_not_matter(solver, size):
     assert true_residual(size * K, solution.x, b) <= 1e-9
 
 
+@pytest.mark.few
 @all_solvers
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e160, 1e308])
 def test_a_load_that_is_not_finite_is_an_outcome_with_finite_x(solver, bad):

@@ -118,6 +118,7 @@ GOOD = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("what", GOOD)
 def test_a_sound_mesh_passes(what):
     check_mesh(GOOD[what])
@@ -204,6 +205,7 @@ def test_soundness_and_energy_density_do_not_depend_on_the_unit_of_length(mesh, 
     assert energies[0] > 1e-3 and np.isclose(energies[0], energies[1], rtol=1e-13, atol=0)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("exponent", [60, 150, 300, -60, -150, -300])
 @pytest.mark.parametrize("mesh", [CUBE, SQUARE, skfem.MeshLine().refined(2)], ids=["tetrahedra", "triangles", "segments"])
 def test_lengths_out_of_range_are_not_reported_as_missing_volume(mesh, exponent):
@@ -227,6 +229,7 @@ LIFTED = {  # membranes in space and a cable
 ALL = [*CURVED.values(), *(ElementMesh(f(mesh.p), mesh.t, element=mesh.element) for mesh, f in LIFTED.values())]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mesh", ALL, ids=lambda mesh: mesh.kind)
 @pytest.mark.parametrize("scale", [1e-9, 1, 1e9])
 def test_curved_elements_and_boxes_are_sound_at_any_size_and_orientation(mesh, scale):

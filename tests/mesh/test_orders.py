@@ -63,6 +63,7 @@ def one_cell(folder, ending, kind, points):
     return folder / f"mesh.{ending}"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("ending", TYPES)
 @pytest.mark.parametrize("kind", EDGES)
 def test_a_single_curved_edge_is_read_as_the_same_local_edge(kind, ending, tmp_path):
@@ -93,6 +94,7 @@ def test_corners_of_boxes_are_read_in_scikit_fems_local_order(kind, ending, tmp_
     check_mesh(mesh)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "msh"])
 @pytest.mark.parametrize("cls", [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad])
 def test_files_of_scikit_fem_are_read_with_groups_and_curved_edges(cls, ending, tmp_path):

@@ -53,6 +53,7 @@ def test_nodes_and_elements_have_the_order_of_the_mesh(meshes):
     assert np.array_equal(part.node_numbers, np.arange(mesh.nv)) and np.array_equal(part.element_numbers, np.arange(mesh.nt))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY_MESH)
 def test_nodes_of_every_kind_of_element_have_the_order_of_the_mesh(name):
     mesh = EVERY_MESH[name]

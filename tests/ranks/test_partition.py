@@ -59,6 +59,7 @@ def assert_are_the_mesh(parts, mesh):
         assert shared == [[other for other in having[node] if other != number] for node in part.node_numbers]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("how", ["METIS", "random"])
 @pytest.mark.parametrize("name", SOLIDS)
 def test_parts_are_the_mesh(name, how):

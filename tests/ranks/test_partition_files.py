@@ -15,8 +15,8 @@ from skfem_stvk.errors import MeshError, StvkError, StvkWarning
 from skfem_stvk.ranks.partition import divide
 from skfem_stvk.ranks.partition_files import VERSION, needed_bytes, read_part, write_partition
 from skfem_stvk.results import write_mesh
-from skfem_stvk.results.store import digest_of
 from skfem_stvk.scenes.commands.main import main
+from skfem_stvk.solvers.runs.archive import digest_of
 
 h5py = pytest.importorskip("h5py")
 ODD = "a/b ü\n"

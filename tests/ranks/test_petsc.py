@@ -73,6 +73,7 @@ def test_a_follower_load_makes_k_unsymmetric_and_gmres_solves():
     assert np.linalg.norm(b - K @ factors.solve(b, 1e-10).x) <= 1e-10 * np.linalg.norm(b)
 
 
+@pytest.mark.few
 @needs_petsc
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("below", [1, 3])

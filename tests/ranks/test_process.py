@@ -52,6 +52,7 @@ FAULTS = {
 HUNG = 240
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("fault", "where"), [("raises", "program"), *((fault, "load") for fault in FAULTS)])
 def test_a_rank_that_fails_ends_the_job(on_ranks, fault, where):
     """The other rank waits for it in a reduction, or in an exchange of the solve."""

@@ -48,6 +48,7 @@ def test_a_candidate_with_only_F_gets_the_checks_of_F():
     assert any("candidate has no tangent(u)" in r.reason for r in report.results)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "convert",
     [
@@ -69,6 +70,7 @@ def test_K_may_be_dense_sparse_or_an_operator(convert):
     assert {r.worst["suspects"][0] for r in failures if r.check == "agreement"} == {MESH.nt // 2}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("methods", "outcome", "words"),
     [
@@ -202,6 +204,7 @@ def test_another_law_passed_off_as_stvk_is_caught():
     assert "agreement" in {r.check for r in report.failures("candidate")}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", MESHES)
 def test_candidates_on_every_kind_of_simplex(name):
     mesh, term = MESHES[name], StVK(young=2.0, poisson=0.3)

@@ -61,6 +61,7 @@ BODIES = {
 CURVED = BODIES["curved tetrahedra"]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_all_elements_pass(name):
     report = verify(BODIES[name], TERM, **QUIET)
@@ -144,6 +145,7 @@ ON = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("name", "body"), [(name, body) for name in ON for body in ON[name]])
 def test_a_fault_in_the_tables_is_caught_on_other_elements_too(name, body):
     candidate = FAULTS[name].make(BODIES[body], [TERM])
@@ -174,6 +176,7 @@ def test_a_fault_in_one_curved_element_is_found_in_that_element():
     )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_fifty_digits_agree_with_ours(name):
     mesh, rng = BODIES[name], np.random.default_rng(1)

@@ -31,6 +31,7 @@ def tried(implementation):
         return violation
 
 
+@pytest.mark.few(24)
 @pytest.mark.filterwarnings("ignore:Constructing a DIA matrix")
 @pytest.mark.parametrize("name", WRONG)
 def test_every_candidate_gives_a_value_or_a_described_violation(name):

@@ -33,6 +33,7 @@ class PartialModel:
             setattr(self, method, getattr(model, method))
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_planted_fault_is_named_by_its_class_or_by_none(name):
     fault = FAULTS[name]
@@ -46,6 +47,7 @@ def test_a_planted_fault_is_named_by_its_class_or_by_none(name):
     assert naming.names or naming.smallest
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("methods", [["energy"], ["internal_force"], ["tangent"]], ids=lambda methods: methods[0])
 @pytest.mark.parametrize("name", ["twice lambda", "half mu", "linear strain", "materials exchanged"])
 def test_one_of_the_three_methods_is_enough(name, methods):
@@ -208,6 +210,7 @@ KINDS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("name", "factor_of_mesh", "factor_of_u"),
@@ -230,6 +233,7 @@ def test_wrong_units_of_length_are_named_for_all_elements(kind, name, factor_of_
         )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", ["quadratic triangles", "tetrahedra", "hexahedra"])
 @pytest.mark.parametrize(
     ("name", "change"),

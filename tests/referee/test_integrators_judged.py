@@ -87,6 +87,7 @@ def checks(report):
     return {(r.check, r.quantity) if r.check == "drift" else r.check for r in report.results if r.outcome is CheckOutcome.FAILED}
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("name", [name for name in INTEGRATORS if name != "GeneralizedAlpha"])  # stores accelerations
 def test_own_integrators_pass_with_what_they_declare(name):
     kind = INTEGRATORS[name]
@@ -115,6 +116,7 @@ def late(*state):
     return verlet(*state, late=True)
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize(
     ("step", "claims", "caught"),
     [
@@ -193,6 +195,7 @@ def test_a_wrong_beta_of_newmark_is_caught_by_its_limit_and_named():
     assert judged(newmark(1 / 6), order=2, stable=3.4).passed
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("step", "claims", "names"),
     [

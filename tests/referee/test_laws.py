@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from slow import slow_but
 
 from skfem_stvk import (
     Corotated,
@@ -37,6 +36,7 @@ def failed(report):
     return {(result.check, result.quantity) for result in report.failures()}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("of", LAWS)
 def test_laws_of_textbooks_pass(of):
     law = LAWS[of]
@@ -59,11 +59,8 @@ def test_ctrl_c_keeps_the_results_of_a_law():
     assert "interrupted" in reasons and "a law in 3 dimensions: W of F" in str(report)
 
 
-#: A polynomial law, a law of invariants and a law with fibres; the slow tests have all ten laws.
-FEW = slow_but(["St. Venant-Kirchhoff", *[name for name in LAWS if "Hookean" in name][:1], "Holzapfel-Gasser-Ogden"], LAWS)
-
-
-@pytest.mark.parametrize("of", FEW)
+@pytest.mark.few(3)
+@pytest.mark.parametrize("of", LAWS)
 def test_a_stress_without_its_factor_two_is_caught_and_named(of):
     """The stress `S = dW/dC` instead of `2 dW/dC` is caught and named."""
     law = LAWS[of]
@@ -72,7 +69,8 @@ def test_a_stress_without_its_factor_two_is_caught_and_named(of):
     assert report.named.explanations[0].words == "the stress fits as S: it is 0.500 x the expected value"
 
 
-@pytest.mark.parametrize("of", FEW)
+@pytest.mark.few(3)
+@pytest.mark.parametrize("of", LAWS)
 def test_an_elasticity_by_C_instead_of_E_is_caught_and_named(of):
     """The elasticity `dS/dC` instead of `dS/dE = 2 dS/dC` is caught and named, and so is `d2W/dC2` instead of `4 d2W/dC2`."""
     law = LAWS[of]
@@ -96,6 +94,7 @@ MEASURES = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("measure", MEASURES)
 @pytest.mark.parametrize("with_energy", [True, False])
 def test_stress_measures_are_distinguished(measure, with_energy):
@@ -158,6 +157,7 @@ def at_rest_stressed(F):
     return KIRCHHOFF.S(F) + 0.1 * ONE
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(
     ("given", "check", "names"),
     [

@@ -186,6 +186,7 @@ TANGENTS = {
 }
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize(
     ("role", "name", "words"),
     [("force", *row) for row in FORCES.items()]

@@ -21,6 +21,7 @@ def of_simplices(report):
     return [r for r in report.results if r.subject != EDGES]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("offset", [0.0, 1e6])
 @pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
 def test_unit_and_location_do_not_matter(size, offset):
@@ -140,6 +141,7 @@ def test_an_energy_with_an_error_above_the_limit_of_flat_elements_fails_the_clos
     assert failed == set(CLOSED_FORMS)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("poisson", [-0.9999, -0.4, 0.0, 0.25, 0.45, 0.499, 0.49999])
 def test_any_poisson_passes(poisson):
     assert verify(box(2), young=1.0, poisson=poisson, **QUIET).passed

@@ -64,6 +64,7 @@ def states():
 STATES = dict(states())
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("state", STATES)
 def test_a_peer_agrees_in_its_quantities(peer, body, state):
     quantities = [quantity for quantity in ("energy", "internal_force", "tangent") if hasattr(peer, quantity)]

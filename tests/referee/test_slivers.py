@@ -70,6 +70,7 @@ def test_right_forms_pass_next_to_a_sliver(form):
     assert not failures(with_lambda(form, [], 1.0))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("location", LOCATIONS)
 @pytest.mark.parametrize("form", [edges, scikit_fem])
 def test_an_error_of_1e_8_in_lambda_is_found_next_to_a_sliver(form, location):

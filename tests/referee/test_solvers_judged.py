@@ -158,6 +158,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("fault", FAULTS)
 def test_planted_faults_are_caught_and_named(fault, small_meshes):
     how, caught, name = FAULTS[fault]

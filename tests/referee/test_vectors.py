@@ -278,6 +278,7 @@ def test_a_wrong_value_fails(name, how, published, tmp_path):
     assert not report.passed and {r.quantity for r in report.failures("candidate") if r.check == "agreement"} == {name[0]}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("how", ["NaN", "infinite"])
 @pytest.mark.parametrize("name", ["W", "F", "K_values", "K_blocks"])
 @pytest.mark.parametrize("of", PUBLISHED)
@@ -329,6 +330,7 @@ def test_a_doubled_lambda_is_named_in_results(name, published, tmp_path):
     assert report.named.names == ["lambda doubled"] and "your lambda is 2.000 x, your mu 1.000 x" in str(report)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("digits", ["float32", "%.7g", "%g"])
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_single_precision_is_named_in_results(name, digits, published, tmp_path):

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 import skfem
 from bodies import BODIES, CURVED, MESHES, box, node_sizes
-from slow import slow_but
 
 from skfem_stvk import (
     EdgeNetwork,
@@ -26,11 +25,8 @@ TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
 
 
-#: Half of the bodies, of different kinds; `python -m pytest -m slow` tests all.
-FEW = [name for i, name in enumerate(BODIES) if i % 2 == 0]
-
-
-@pytest.mark.parametrize("name", slow_but(FEW, BODIES))
+@pytest.mark.few
+@pytest.mark.parametrize("name", BODIES)
 def test_every_body_passes(name):
     mesh, terms = BODIES[name]
     report = verify(mesh, terms, **QUIET)
@@ -322,6 +318,7 @@ BOXES = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("methods", [("internal_force", "tangent"), ("internal_force",), ("tangent",)], ids=["F and K", "F", "K"])
 @pytest.mark.parametrize("key", KEYS)
 @pytest.mark.parametrize("mesh", BOXES)

@@ -12,7 +12,7 @@ from PIL import Image
 from skfem_stvk import ElementMesh, StVK, StvkError
 from skfem_stvk.results import Fields, Series, animate, plotting, write_vtu
 from skfem_stvk.results.picture import _in_words
-from skfem_stvk.results.state_files import read_state
+from skfem_stvk.solvers.runs.state_files import read_state
 
 COUNT = 5
 
@@ -41,6 +41,7 @@ def frames(path):
     return np.array(pictures), film.info
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", MESHES)
 def test_every_kind_of_body_moves_in_a_film(tmp_path, name):
     path = animate(motion(name), tmp_path / "body.gif", "volume_ratio", scale=2.0)
@@ -51,6 +52,7 @@ def test_every_kind_of_body_moves_in_a_film(tmp_path, name):
     assert ((pictures[0] != pictures[1]).any(axis=2)).mean() > 0.001
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", MESHES)
 def test_a_series_on_disk_gives_the_film_of_its_states(tmp_path, name):
     states = motion(name)

@@ -49,11 +49,11 @@ from skfem_stvk.results.contact_forces import contact_state, contact_states
 from skfem_stvk.results.picture import View, picture_of
 from skfem_stvk.results.series import listed_states
 from skfem_stvk.results.shapes import MARGIN, surface_of, surroundings
-from skfem_stvk.results.state_files import read_state
 from skfem_stvk.scenes import scene_report as report
 from skfem_stvk.solvers.dynamics.contact_findings import contact_findings
-from skfem_stvk.solvers.dynamics.ledger import Ledger
 from skfem_stvk.solvers.newton.newton import End
+from skfem_stvk.solvers.runs.ledger import Ledger
+from skfem_stvk.solvers.runs.state_files import read_state
 
 LAW = NeoHookean(young=3e4, poisson=0.3, density=1000.0)
 CUBE = box((0.1, 0.1, 0.1), (2, 2, 2))
@@ -194,6 +194,7 @@ def test_files_without_contacts_have_no_fields_of_contacts(tmp_path):
     assert set(read(file).point_data) == {"displacement", "von_mises_stress"}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SHAPES)
 def test_surfaces_of_shapes_are_on_the_shape_in_the_surroundings_and_face_the_body(name):
     shape = SHAPES[name]
@@ -270,6 +271,7 @@ def pixels_of(figure):
     return np.asarray(canvas.buffer_rgba())[..., :3].astype(int)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SHAPES)
 def test_every_shape_is_drawn_in_grey(tmp_path, name):
     """A picture with the shape differs from the same picture without it."""
@@ -556,6 +558,7 @@ def impulse(run, name="contact floor"):
     return (forces[1:] * np.diff(run.ledger["time"])[:, None]).sum(axis=0)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mesh", MESHES)
 @pytest.mark.parametrize("integrator", [*EVERY, *TANGENTS], ids=str)
 def test_the_impulse_of_a_contact_is_the_change_of_momentum(integrator, mesh):
@@ -581,6 +584,7 @@ def test_diagonal_blocks_of_a_contact_act_as_the_equation_has_them(mesh):
     np.testing.assert_allclose(force, law.mass().multiply(sim.v - v) / 1e-3 + own, rtol=0, atol=1e-9 * force.max())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rub", [False, True], ids=["smooth", "rough"])
 @pytest.mark.parametrize("integrator", [EnergyMomentum(1e-3), *TANGENTS], ids=str)
 def test_forces_of_contact_friction_and_foundations_are_the_rate_of_momentum(integrator, rub):

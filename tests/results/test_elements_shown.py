@@ -23,6 +23,7 @@ def at(mesh, amount=0.05):
     return Fields(mesh, TERM).at(state(mesh, amount))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY_MESH)
 def test_files_read_back_are_the_same_mesh_with_the_same_values(name, tmp_path):
     mesh = EVERY_MESH[name]

@@ -86,6 +86,7 @@ def uniaxial_strain(nu):
     return np.sqrt(max(across, brentq(lowest, grid[first], grid[first - 1], xtol=1e-15)))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("nu", POISSONS)
 @pytest.mark.parametrize("name", ONE)
 def test_uniaxial_strain_loses_ellipticity_where_the_determinant_touches_zero(name, nu):
@@ -130,6 +131,7 @@ def motion(name, rng):
     return F, a / np.linalg.norm(a), N / np.linalg.norm(N)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [*FILLING, "triangles, two sheets"])
 def test_the_form_is_the_second_derivative_of_the_energy_density_along_a_dyad(name):
     """The acoustic form is the second derivative of the energy density along `a N'`, and the field is below all its values.

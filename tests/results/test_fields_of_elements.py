@@ -56,6 +56,7 @@ def test_the_energy_of_straight_elements_is_density_times_volume(name):
     assert fields.at(u)["strain_energy_density"] @ fields.volume == pytest.approx(System(mesh, material(mesh)).energy(u), rel=1e-12)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("law", ["isotropic", "anisotropic"])
 @pytest.mark.parametrize("name", CURVED)
 def test_all_fields_of_a_homogeneous_state_are_the_same_everywhere(name, law):

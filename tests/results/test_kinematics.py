@@ -18,6 +18,7 @@ def at(name, amount=0.03):
     return Fields(mesh, terms).at(state(mesh, amount))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_right_cauchy_green_tensor_is_one_plus_twice_the_strain(name):
     now = at(name)
@@ -28,6 +29,7 @@ def test_the_right_cauchy_green_tensor_is_one_plus_twice_the_strain(name):
     assert (np.diff(now["principal_stretches"], axis=1) <= 0).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_deformation_gradient_maps_rest_edges_to_current_edges(name):
     now = at(name)

@@ -84,6 +84,7 @@ def limited(entries, d):
     return {name: support for name, support in kept.items() if support}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("d", "degree"), [(3, 1), (2, 1), (2, 2)])
 @pytest.mark.parametrize("name", SUPPORTS)
 def test_supports_and_loads_add_up_to_zero(name, d, degree):

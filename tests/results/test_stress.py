@@ -102,6 +102,7 @@ def gradients(p, t):
     return np.einsum("ndk,nak->nad", geometry.axes, geometry.gradients)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_internal_force_is_the_virtual_work_of_each_stress(name):
     mesh, terms = BODIES[name]
@@ -131,6 +132,7 @@ def stiffness_in_space(term, n):
     return anisotropic_tensor(voigt, frame, np.broadcast_to(np.eye(3), (n, 3, 3)), False)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in BODIES if "regions" not in name])
 def test_stress_is_stiffness_times_strain_and_one_of_the_two_vanishes_across(name):
     mesh, (term,) = BODIES[name]

@@ -128,6 +128,7 @@ def stretched(mesh):
     return (mesh.p * [[0.35], [-0.1], [0.2]][: mesh.d]).ravel("F") + state(mesh, 0.06)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("law", "name"), CASES)
 def test_every_field_is_that_of_a_solid_without_stress_across(law, name):
     mesh, (kind, own), rng = MESHES[name], LAWS[law], np.random.default_rng(5)
@@ -165,6 +166,7 @@ FOLDED = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("orientation", [1, -1])
 @pytest.mark.parametrize("space", ["in the plane", "in space"])
 @pytest.mark.parametrize("name", FOLDED)

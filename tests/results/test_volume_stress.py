@@ -23,6 +23,7 @@ def forces(mesh, stress, p, volume):
     return total.ravel()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", SOLID)
 def test_the_internal_force_is_the_virtual_work_of_each_stress(name, kind):
@@ -41,6 +42,7 @@ def test_the_internal_force_is_the_virtual_work_of_each_stress(name, kind):
     assert (V * now["strain_energy_density"]).sum() == pytest.approx(system.energy(u), rel=1e-12)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("J", [0.4, 0.9, 1.3])
 @pytest.mark.parametrize(

@@ -62,6 +62,7 @@ def assert_same(again, mesh):
     assert {name: list(ids) for name, ids in again.node_sets.items()} == {name: sorted(ids) for name, ids in mesh.node_sets.items()}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_a_written_mesh_is_read_back_bitwise(name, tmp_path):
     mesh = crooked(BODIES[name]())

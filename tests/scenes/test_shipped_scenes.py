@@ -25,6 +25,7 @@ def test_there_are_twelve_scenes():
     assert len(SCENES) == 12
 
 
+@pytest.mark.few(6)
 @pytest.mark.parametrize("name", SCENES)
 def test_a_scene_meets_its_expectations(name):
     with warnings.catch_warnings():

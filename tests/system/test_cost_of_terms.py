@@ -117,6 +117,7 @@ def test_a_plain_body_has_the_bytes_of_its_memory():
     assert held - (sum(reported.values()) - reported["mesh"]) < 0.8 * body.ndofs * 8
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", [*ELEMENTS, *OTHERS], ids=lambda kind: kind.__name__)
 def test_without_a_term_its_kernels_do_not_run_and_its_arrays_do_not_exist(kind):
     mesh = bar(10)

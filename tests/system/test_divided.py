@@ -106,6 +106,7 @@ on_solids = pytest.mark.parametrize("name", [name for name, mesh in EVERY_MESH.i
 pytestmark = pytest.mark.filterwarnings("ignore:The mesh is in . parts:skfem_stvk.errors.StvkWarning")
 
 
+@pytest.mark.few
 @divided
 @on_solids
 def test_parts_have_the_results_of_the_whole_body(name, how):
@@ -129,6 +130,7 @@ def test_parts_have_the_results_of_the_whole_body(name, how):
             np.testing.assert_allclose(own[name], number, rtol=tolerance, err_msg=name)
 
 
+@pytest.mark.few
 @divided
 @on_solids
 def test_conjugate_gradients_on_parts_find_the_solution_of_the_whole_body(name, how):
@@ -183,6 +185,7 @@ INTEGRATORS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("factor", [0.05, lambda t: 0.1 * np.sin(9 * t)], ids=["constant", "changing"])
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 def test_a_damped_motion_on_parts_is_that_of_the_whole_body(integrator, factor, separate_threads):

@@ -135,6 +135,7 @@ LOADS = {
 }
 
 
+@pytest.mark.few
 @divided
 @pytest.mark.parametrize("name", LOADS)
 def test_newton_cuts_steps_in_all_parts_at_the_same_place(name, how, separate_threads):

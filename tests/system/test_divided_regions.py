@@ -71,6 +71,7 @@ def without_ids(error):
     return error and re.sub(r"^\d+ elements? \([^)]*\) in ", "", error[1])
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("term", TERMS)
 @pytest.mark.parametrize("name", [name for name, mesh in EVERY_MESH.items() if mesh.k == mesh.d > 1])
 def test_all_results_are_those_of_the_whole_body(name, term, separate_threads):

@@ -145,6 +145,7 @@ def moving(mesh, young):
     return System(mesh, terms, fixed={lambda x: x[0] < 0.1: "xyz"}, prescribed=prescribed)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "integrator",
     [

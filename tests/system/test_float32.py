@@ -36,12 +36,14 @@ def stretched(mesh, strain):
     return (strain * (x.T @ (gradient + gradient.T) / 2 + 0.3 * x.T**2)).ravel()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [slow(name) if name == "tetrahedra, anisotropic" else name for name in BODIES])
 def test_every_body_is_right_to_single_precision(name):
     mesh, terms = BODIES[name]
     assert max(errors(mesh, terms, state(mesh))) < LIMIT
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("strain", [1e-1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("name", ["tetrahedra, isotropic", "tetrahedra, fibres", "membrane, anisotropic", "triangles, auxetic"])
 def test_small_strains_are_accurate(name, strain):

@@ -28,6 +28,7 @@ def is_slice(restricted, K, free):
     return np.array_equal(restricted.data, wanted.data) and restricted.indices.dtype == restricted.indptr.dtype == np.int32
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_restricted_matrix_is_the_slice(name):
     mesh, terms = BODIES[name]
@@ -38,6 +39,7 @@ def test_the_restricted_matrix_is_the_slice(name):
     assert sorted([*held.free, *held.fixed]) == list(range(body.ndofs))
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("name", BODIES)
 @pytest.mark.parametrize("kept", [ALL, TENSILE, NONE], ids=["all", "tensile", "none"])
 def test_a_matrix_written_in_restricted_form_is_the_slice(name, kept):

@@ -48,6 +48,7 @@ def masses(system):
     return volumes(system.mesh) * section * term.material.density
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_the_total_is_density_times_volume(name, kind):
@@ -60,6 +61,7 @@ def test_the_total_is_density_times_volume(name, kind):
     assert velocity @ momentum / 2 == pytest.approx(total * (np.arange(1.0, d + 1) ** 2).sum() / 2, rel=1e-13)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_all_ways_to_multiply_are_the_matrix(name, kind):
@@ -87,6 +89,7 @@ def test_the_consistent_matrix_is_scikit_fems(name, element):
     assert np.abs(system.mass().matrix.diagonal() - lumped).max() < 1e-14 * np.abs(lumped).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("name", MESHES)
@@ -159,6 +162,7 @@ def test_regions_have_their_own_density():
     assert system.mass().vertex == pytest.approx(by_hand, rel=1e-13)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", MESHES)
 def test_constrained_degrees_of_freedom_do_not_accelerate(name, kind):

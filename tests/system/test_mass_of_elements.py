@@ -130,6 +130,7 @@ def test_solve_inverts_multiply_with_constrained_degrees_of_freedom_at_rest(name
         assert np.abs(a[inner] - exact).max() < 1e-13 * np.abs(exact).max() and not a[np.array(kept, dtype=int)].any()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("amount", [0.0, 0.02, 0.1, 0.25])
 @pytest.mark.parametrize("name", [name for name in CURVED if name not in ("quadratic membrane", "quadrilateral membrane")])
 def test_bounds_contain_all_eigenvalues_of_elements_and_are_near_them(name, amount):

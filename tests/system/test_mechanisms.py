@@ -113,6 +113,7 @@ def test_three_shared_nodes_are_a_face_in_one_of_the_two_cases():
     assert sorted(pieces_of_simplices(mesh.t, mesh.nv).max() + 1 for mesh in THREE_NODES) == [1, 2]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("scale", "offset"), SCALES)
 @pytest.mark.parametrize("name", BODIES)
 def test_mechanisms_are_counted_at_any_size_location_and_order(name, scale, offset):

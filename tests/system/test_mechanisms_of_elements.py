@@ -68,6 +68,7 @@ def motions_left(mesh, held):
     return sum(rigid.values()), sum(each.count for each in found)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("held", ["nothing", "an element", "one node", "three nodes"])
 @pytest.mark.parametrize("name", CASES)
 def test_rigid_modes_and_mechanisms_are_the_zero_modes_of_K(name, held):

@@ -19,6 +19,7 @@ SOLID = System(MESHES["tetrahedra"], TERM)
 N = SOLID.ndofs
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_operator_is_the_tangent(name):
     mesh, terms = BODIES[name]
@@ -201,6 +202,7 @@ def constrained_body(name="tetrahedra, two regions"):
     return body, body.free_dofs(np.flatnonzero(np.random.default_rng(0).random(body.ndofs) < 0.3))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_diagonal_blocks_are_those_of_K(name):
     mesh, terms = BODIES[name]

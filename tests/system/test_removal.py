@@ -138,6 +138,7 @@ def alike(found, wanted, limit=1e-14):
     return np.abs(found - wanted).max() <= limit * np.abs(wanted).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("name", "quadrature"), CASES)
 def test_all_functions_of_displacements_are_those_of_the_remaining_body(pairs, name, quadrature):
     pair = pairs(name, quadrature)
@@ -165,6 +166,7 @@ def test_all_functions_of_displacements_are_those_of_the_remaining_body(pairs, n
         assert np.allclose(whole.energy_along(u, v), part.energy_along(x, y), rtol=1e-13)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("name", "quadrature"), CASES)
 def test_tangents_are_those_of_the_remaining_body_in_the_old_pattern(pairs, name, quadrature):
     pair = pairs(name, quadrature)
@@ -191,6 +193,7 @@ def test_tangents_are_those_of_the_remaining_body_in_the_old_pattern(pairs, name
     assert (K.data == whole.tangent(u).data).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY_MESH)
 @pytest.mark.parametrize("kind", ["lumped", "consistent"])
 def test_masses_are_those_of_the_remaining_body_even_if_cached_before(name, kind):
@@ -213,6 +216,7 @@ def test_masses_are_those_of_the_remaining_body_even_if_cached_before(name, kind
     assert alike(K.toarray(), 2 * early.matrix.toarray(), 1e-11)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("name", "quadrature"), CASES)
 def test_volumes_and_stretches_exclude_removed_elements(pairs, name, quadrature):
     pair = pairs(name, quadrature)
@@ -393,6 +397,7 @@ def answers(body, u):
     return [*map(np.array, found), body.mass("consistent").multiply(u)]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("cached_before", [False, True], ids=["", "cached before"])
 @pytest.mark.parametrize(
     ("name", "quadrature"), [*((name, None) for name in EVERY_MESH), ("hexahedra", "one-point"), ("quadrilaterals", "one-point")]
@@ -511,6 +516,7 @@ def test_a_retained_stiffness_of_a_removed_element_is_found():
     assert not alike(pair.whole.internal_force(u)[pair.dofs], wanted, 1e-3)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY_MESH)
 def test_fields_are_those_of_the_remaining_body(pairs, name):
     pair = pairs(name)

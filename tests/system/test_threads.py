@@ -62,6 +62,7 @@ def test_results_are_the_same_to_the_last_bit_from_run_to_run(name, n, threads):
         assert np.array_equal(a, b)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_any_number_of_parts_gives_the_same_results(name, monkeypatch):
     mesh, terms = BODIES[name]
@@ -154,6 +155,7 @@ def test_bodies_of_several_python_threads_do_not_disturb_each_other(monkeypatch)
                 assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SOME)
 @pytest.mark.parametrize(("first", "then"), [(1, 2), (2, 1), (2, 3), (5, 2), (1, 5)])
 def test_the_number_may_change_between_any_two_calls(name, first, then, monkeypatch):
@@ -228,6 +230,7 @@ def test_python_threads_that_share_a_system_run_one_at_a_time():
                 assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
 def test_python_threads_that_share_an_object_get_what_one_thread_gets(name):
     found = measure(CASES[name], 0.3)

@@ -65,6 +65,7 @@ def test_compiled_and_readable_laws_agree_at_points(name, monkeypatch):
             assert size > 1e-3 and np.abs(compiled[key][field] - values).max() < 1e-11 * size, (*key, field)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("strain", [1e-6, 1e-12])
 @pytest.mark.parametrize("name", EVERY)
 def test_small_strains_have_the_fields_of_linear_elasticity(name, strain):

@@ -9,7 +9,6 @@ import pytest
 from bodies import CURVED, MESHES, random_frames, some_voigt, state, turned_round
 from kernels.parts import in_parts
 from scipy.sparse import identity, random
-from slow import slow_but
 from terms.toys import Anchors, Areas, Springs, Wind
 
 from skfem_stvk import (
@@ -269,6 +268,7 @@ def clearly_not_zero(*arrays):
     return all(np.abs(array).max() > 1e-3 for array in arrays)
 
 
+@pytest.mark.few(24)
 @pytest.mark.parametrize("name", CASES)
 def test_force_and_tangent_are_derivatives(name):
     case = CASES[name]
@@ -307,6 +307,7 @@ def test_a_system_names_the_term_that_has_no_energy(name):
                 one(u)
 
 
+@pytest.mark.few(16)
 @pytest.mark.parametrize("name", CASES)
 def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
     case = CASES[name]
@@ -330,6 +331,7 @@ def test_products_diagonals_and_edge_blocks_are_those_of_the_tangent(name):
             assert norms == pytest.approx(others @ x, rel=1e-12, abs=1e-13 * np.abs(K).max() * x.sum())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", DEFINITE)
 def test_the_clamped_tangent_is_positive_semi_definite(name):
     case = CASES[name]
@@ -346,6 +348,7 @@ def test_the_clamped_tangent_is_positive_semi_definite(name):
         assert indefinite or not (gives_way and pushed == "compressed")
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", FREE)
 def test_rigid_motions_change_nothing_and_forces_balance(name):
     case = CASES[name]
@@ -372,6 +375,7 @@ def test_rigid_motions_change_nothing_and_forces_balance(name):
         assert np.abs(K @ np.tile(np.eye(mesh.d), (mesh.nv, 1))).max() < 1e-12 * np.abs(K).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
 def test_fill_adds_to_earlier_values_on_a_larger_pattern(name):
     case = CASES[name]
@@ -386,6 +390,7 @@ def test_fill_adds_to_earlier_values_on_a_larger_pattern(name):
         assert force - 1 == pytest.approx(F, abs=1e-13 * max(1, np.abs(F).max()))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("parts", [2, 5])
 @pytest.mark.parametrize("name", CASES)
 def test_shared_by_threads_the_results_are_the_same(name, parts, monkeypatch):
@@ -401,6 +406,7 @@ def test_shared_by_threads_the_results_are_the_same(name, parts, monkeypatch):
         assert np.array_equal(found[0], again[0]) and np.array_equal(found[1], again[1])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if case.renumbered])
 def test_numbering_and_orientation_do_not_matter(name):
     case = CASES[name]
@@ -420,10 +426,10 @@ def test_numbering_and_orientation_do_not_matter(name):
 
 
 #: Cases in single precision besides the toys. Every further term would have kernels compiled for this test only.
-SINGLE = [name for name in CASES if "tetrahedra" in name and not name.startswith(("Corotated", "Invertible", "linear"))]
 
 
-@pytest.mark.parametrize("name", slow_but([name for name in CASES if CASES[name].toy or name in SINGLE], CASES))
+@pytest.mark.few
+@pytest.mark.parametrize("name", CASES)
 def test_single_precision_has_errors_of_single_precision(name):
     case = CASES[name]
     single, double = bound(case, np.float32), bound(case)
@@ -440,6 +446,7 @@ def test_single_precision_has_errors_of_single_precision(name):
         assert np.abs(pattern.matrix(data.astype(float)).toarray() - K).max() < 8e-6 * np.abs(K).max()
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", CASES)
 def test_the_round_off_of_the_force_is_neither_below_its_error_nor_far_above(name):
     """The bound on round-off is above the error in single precision, including the rounding of the state, and not far above.
@@ -471,6 +478,7 @@ def laws_of_several_points():
 CLOSE = {name: CASES[name] for name in OURS} | dict(laws_of_several_points())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CLOSE)
 def test_the_round_off_of_the_force_holds_at_rest_and_far_from_the_origin(name):
     """The coordinates are dyadic, so that a shift of the mesh by 4096 is exact and changes no force by more than round-off.
@@ -495,6 +503,7 @@ def test_the_round_off_of_the_force_holds_at_rest_and_far_from_the_origin(name):
             assert np.linalg.norm(error) <= np.finfo(float).eps * np.linalg.norm(sizes)
 
 
+@pytest.mark.few(24)
 @pytest.mark.parametrize("name", OURS)
 def test_the_term_can_do_what_its_case_says(name):
     """The term declares exactly the abilities of its case: volumes, the quartic, the mean force, damping."""
@@ -506,6 +515,7 @@ def test_the_term_can_do_what_its_case_says(name):
     assert sum(term.memory().values()) > 0
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if "has_mean_force" in case.can])
 def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
     """The work of the mean force is the energy difference plus `(w1 - w0) R`, where R is the dissipation of unequal weights.
@@ -526,6 +536,7 @@ def test_the_work_of_the_mean_force_is_the_difference_of_the_energies(name):
         assert np.abs(force - 2 * moved).max() < 1e-13 * np.abs(moved).max()
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if "quartic" in case.can])
 def test_the_quartic_is_the_energy_along_a_line(name):
     case = CASES[name]

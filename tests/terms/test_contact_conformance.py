@@ -222,6 +222,7 @@ def check_explicit_state(case):
 CHECKS = {name.removeprefix("check_"): check for name, check in list(globals().items()) if name.startswith("check_")}
 
 
+@pytest.mark.few(24)
 @pytest.mark.parametrize("check", CHECKS)
 def test_contacts_meet_the_requirement(check, case):
     CHECKS[check](case)

@@ -55,6 +55,7 @@ def test_weight_is_mass_times_g_and_acts_at_the_centre_of_mass(name):
     assert moment(mesh.p, f) == pytest.approx(moment(centre[:, None], mass.sum() * g[:, None]), rel=1e-12, abs=1e-13)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("region", [None, "half"])
 def test_a_linear_body_force_is_integrated_exactly(name, region):

@@ -25,6 +25,7 @@ MESH = MESHES["tetrahedra"]
 NETWORK = EdgeNetwork.of(MESH, StVK(young=9.0, poisson=0.4, density=2.0))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", LINEAR)
 def test_the_network_of_a_body_has_its_energy_force_and_tangent(name):
     """W, F, K and the quartic of a network agree with the assembly from simplices to round-off, for every material and section."""

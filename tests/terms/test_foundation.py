@@ -37,6 +37,7 @@ def dense(term, mesh, u, add=False, others=()):
     return np.nan_to_num(K.toarray()), force, linearized
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("case", CASES)
 def test_the_energy_of_a_linear_field_is_that_of_quadrature(case):
     mesh, part = CASES[case]
@@ -48,6 +49,7 @@ def test_the_energy_of_a_linear_field_is_that_of_quadrature(case):
     assert bound(mesh, part).energy_and_force((A @ mesh.p).T) == pytest.approx(expected, rel=1e-12)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("case", CASES)
 def test_force_and_stiffness_are_derivatives_of_the_energy(case):
     mesh, part = CASES[case]
@@ -64,6 +66,7 @@ def test_force_and_stiffness_are_derivatives_of_the_energy(case):
     assert term.energy_and_force(u, again) == W[0] and np.array_equal(again, force)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("case", CASES)
 def test_products_diagonals_lines_and_round_off_agree_with_the_matrix(case):
     mesh, part = CASES[case]

@@ -73,6 +73,7 @@ def moved(system, integrator, speed=0.0, until=0.1, beta=1e-3):
 CASES = [("rigid", name, x) for name in EVERY for x in (0.0, FAR)] + [("mesh", name, FAR) for name in NEWTON]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("contact", "name", "x"), CASES)
 def test_a_block_slides_with_coulombs_acceleration_and_reports_coulombs_force(contact, name, x):
     system, angle = block(contact, 1.5, x)
@@ -101,6 +102,7 @@ def test_a_support_that_drags_a_block_over_a_floor_carries_its_friction(name):
     assert N > 1.0 and abs(force[0] - MU * N) < 0.01 * MU * N and abs(force[2] + N) < 0.01 * N
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("contact", "name", "x"), CASES)
 def test_a_block_that_stops_below_the_friction_angle_sticks_without_chatter(contact, name, x):
     """Its speed, with that of vibrations, falls below 1 % of that at the start, and does not alternate from step to step."""
@@ -188,6 +190,7 @@ def test_the_round_off_of_friction_counts_displacements(contact):
     assert (error <= EPS * sums).all() and (error > EPS * without).any()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("contact", ["rigid", "mesh"])
 @pytest.mark.parametrize("name", NEWTON)
 def test_the_matrix_of_a_step_has_the_friction_of_its_equation(contact, name):

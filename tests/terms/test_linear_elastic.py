@@ -37,6 +37,7 @@ def materials(mesh):
     return isotropic, Anisotropic(some_voigt(rng), frame=random_frames(mesh.nt, rng))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [slow(name) if name == "quadratic tetrahedra" else name for name in EVERY_MESH])
 def test_the_stiffness_is_that_of_the_body_at_rest_in_all_states(name):
     mesh = EVERY_MESH[name]

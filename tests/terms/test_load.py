@@ -16,6 +16,7 @@ class Callable:
         return t * x
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("given", "expected"),
     [

@@ -90,6 +90,7 @@ def two_states(case):
     return u, state(case.mesh, seed=4).reshape(-1, case.mesh.d)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
 def test_declared_properties_hold(name):
     case = CASES[name]
@@ -129,11 +130,13 @@ def test_the_stiffness_is_minus_the_derivative_of_the_force(name):
     assert (asymmetry < 1e-14, asymmetry > 1e-3) == (case.has_potential, not case.has_potential)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", DEAD)
 def test_dead_loads_have_no_stiffness(name):
     assert bound(CASES[name]).dead
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
 def test_loads_add_to_earlier_values_on_a_larger_pattern(name):
     case = CASES[name]
@@ -149,6 +152,7 @@ def test_loads_add_to_earlier_values_on_a_larger_pattern(name):
     assert abs(with_it - without - own).max() <= 1e-13 * abs(with_it).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
 def test_a_system_has_the_properties_of_its_load(name):
     case = CASES[name]
@@ -161,6 +165,7 @@ def test_a_system_has_the_properties_of_its_load(name):
     assert potential == pytest.approx(bound(case).potential(u, motion.moment(0.4)) if kept else 0, rel=1e-13)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NOT_DEAD)
 def test_load_stiffness_is_that_of_conservative_loads(name):
     case = CASES[name]

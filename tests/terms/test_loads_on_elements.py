@@ -161,6 +161,7 @@ def test_pressure_on_a_closed_surface_is_minus_the_gradient_of_the_volume(name):
     assert np.abs(moment(x, f)).max() < 2e-13 * np.abs(f).sum() * np.abs(x).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in CURVED if CURVED[name].k > 1 and (CURVED[name].d == 3 or CURVED[name].k == 2)])
 @pytest.mark.parametrize("given", [2.5, lambda x, t: t * (1 + x[0] - 2 * x[1])], ids=["constant", "of x"])
 def test_load_stiffness_is_minus_the_derivative_of_the_force(name, given):

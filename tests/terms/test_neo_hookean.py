@@ -12,7 +12,7 @@ from bodies import CURVED, MESHES, STRAIGHT, membrane, scikit_fem_of, sheet, sta
 from kernels.parts import in_parts, on_twins
 from scipy.optimize import brentq
 from skfem.helpers import ddot, grad, inv, transpose
-from slow import slow, slow_but
+from slow import slow
 
 from skfem_stvk import (
     BackwardEuler,
@@ -104,6 +104,7 @@ def lame(mesh):
     return young * nu / ((1 + nu) * (1 - 2 * nu)), young / (2 * (1 + nu))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rule", ["usual", "exact"])
 @pytest.mark.parametrize("name", SOLID)
 def test_energy_force_and_tangent_are_those_of_scikit_fem(name, rule):
@@ -116,6 +117,7 @@ def test_energy_force_and_tangent_are_those_of_scikit_fem(name, rule):
         assert abs(body.tangent(u) - K).max() < 1e-12 * abs(K).max()
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("name", "rule"), COMPILED)
 def test_compiled_and_readable_kernels_agree(name, rule, monkeypatch):
     mesh = EVERY[name]
@@ -137,7 +139,8 @@ def test_compiled_and_readable_kernels_agree(name, rule, monkeypatch):
             assert np.abs(one).max() > 1e-5 and np.abs(one - other).max() < 1e-12 * np.abs(one).max()
 
 
-@pytest.mark.parametrize("name", slow_but(["triangles", "tetrahedra", "quadratic tetrahedra, curved"], EVERY))
+@pytest.mark.few(3)
+@pytest.mark.parametrize("name", EVERY)
 def test_the_clamped_tangent_is_positive_semi_definite_under_strong_compression(name):
     mesh = EVERY[name]
     for rule in ("usual", *(["one-point"] if name in BOXES else [])):
@@ -200,6 +203,7 @@ def test_sheets_have_the_thickness_with_zero_stress_across(plane):
     assert System(mesh, law).energy(u) == pytest.approx(total, rel=1e-12)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY)
 def test_small_strains_have_the_linear_response_of_the_same_constants(name):
     """Small strains have the linear response to the last digits: at a strain of 1e-9 the energy is of order 1e-18."""
@@ -270,6 +274,7 @@ def test_other_materials_and_segments_are_refused_with_a_remedy():
         System(MESHES["triangles"], NeoHookean(young=1.0, poisson=0.6, plane="stress"))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EVERY)
 def test_stresses_and_energy_densities_are_those_of_the_forces(name):
     """The virtual work of the first Piola-Kirchhoff stress is that of the forces, and the densities add up to the energy.
@@ -353,6 +358,7 @@ def test_a_block_compressed_by_its_velocity_has_no_inverted_elements(integrator)
     assert 0.05 < body.smallest_volume_ratio(run.u) < 0.6
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("dtype", [np.float64, slow(np.float32)])
 @pytest.mark.parametrize(("name", "rule"), COMPILED)
 def test_the_mean_force_is_the_readable_one_and_its_work_is_the_energy_difference(name, rule, dtype, monkeypatch):

@@ -80,6 +80,7 @@ SURFACES = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SURFACES)
 @pytest.mark.parametrize("pressure", [2.5, lambda x, t: t * (1 + x[0] - 2 * x[1])], ids=["constant", "linear"])
 def test_load_stiffness_is_minus_the_derivative_of_the_force(name, pressure):

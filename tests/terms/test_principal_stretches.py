@@ -46,6 +46,7 @@ def results(mesh, law, shapes=("moderate", "pushed", "inside out")):
     return found
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
     "name", [*MESHES, slow("quadratic tetrahedra"), slow("quadratic membrane"), slow("quadrilaterals"), "hexahedra"]
@@ -113,6 +114,7 @@ STRETCHES = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mirrored", [False, True])
 @pytest.mark.parametrize("name", STRETCHES)
 @pytest.mark.parametrize("law", LAWS)
@@ -135,6 +137,7 @@ def test_energy_and_force_are_those_of_singular_values(law, name, mirrored):
     assert force.reshape(4, 3)[1:] == pytest.approx(wanted, abs=known * np.abs(wanted).max())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "name", [name for name in STRETCHES if name not in ("on the threshold", "nearly a line", "flat", "nearly flat")]
 )
@@ -162,6 +165,7 @@ def test_a_flat_element_has_one_rotation_and_finite_forces(law):
         assert lowest > -1e-13 * highest
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("offset", [0.0, 2.0**20])
 @pytest.mark.parametrize("strain", [1e-3, 1e-12])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "hexahedra"])
@@ -333,6 +337,7 @@ def test_invalid_rotations_are_refused_with_their_elements(given, message):
         System(mesh, Corotated(young=2.0, poisson=0.3, rotation=lambda t: given(mesh.nt)))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "segments", "cable"])
 @pytest.mark.parametrize("law", LAWS)
 def test_stresses_and_densities_are_those_of_the_forces(law, name):
@@ -372,6 +377,7 @@ def test_stresses_are_masked_if_frames_are_not_those_of_the_elements():
         Corotated(young=3.0, poisson=0.3, rotation="vertex").response(None)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", STRETCHES)
 def test_extended_stresses_have_the_forces_of_the_area_vectors_and_no_energy(name):
     """Above the threshold extended stresses are those of the energy; below, each principal stress is continued linearly.

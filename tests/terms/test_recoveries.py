@@ -84,6 +84,7 @@ def exact(name, mesh):
     return (EXACT[name](x, mesh.t) * (x[:, :1] > 0)).ravel()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", EXACT)
 @pytest.mark.parametrize("law", LAWS)
 def test_statics_recovers_from_exact_mirrors_planes_lines_and_points(law, name):
@@ -96,6 +97,7 @@ def test_statics_recovers_from_exact_mirrors_planes_lines_and_points(law, name):
     assert found.success and np.abs(found.u).max() < 1e-9
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "integrator", [Newmark(0.002), BackwardEuler(0.002), EnergyMomentum(0.002), VelocityVerlet(5e-4)], ids=lambda one: one.name
 )
@@ -198,6 +200,7 @@ def test_frames_at_nodes_have_a_tangent_where_stretches_cancel(name):
     assert back >= 4
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("where", ["mirrored", "on a line", "at a point"])
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "membrane", "cable"])
 @pytest.mark.parametrize("law", LAWS)

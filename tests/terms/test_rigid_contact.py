@@ -42,8 +42,9 @@ from skfem_stvk import (
 )
 from skfem_stvk.edges import NONE as GAUSS_NEWTON
 from skfem_stvk.mesh import ElementMesh, box
-from skfem_stvk.results.store import read_archive, write_archive
-from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, MotionHeader
+from skfem_stvk.solvers.dynamics import steps
+from skfem_stvk.solvers.runs.archive import read_archive, write_archive
+from skfem_stvk.solvers.runs.state_files import MOTION
 from skfem_stvk.terms.loads.load import Moment, StepStart
 
 LAW = StVK(young=1e3, poisson=0.3, density=1.0)
@@ -99,6 +100,7 @@ def slope(f, h=1e-6):
     return (f(h) - f(-h)) / (2 * h)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("onset", [0.0, 0.05])
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("mesh", MESHES)
@@ -115,6 +117,7 @@ def test_force_and_stiffness_are_derivatives(mesh, shape, onset):
     )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("onset", [0.0, 0.05])
 @pytest.mark.parametrize("size", [0.2, 1e-3, 1e-9])
 @pytest.mark.parametrize("shape", SHAPES)
@@ -149,7 +152,7 @@ def test_twice_the_slope_of_the_mean_force_on_a_plane_is_exact(onset):
 
 @pytest.mark.parametrize("shape", ["sphere", "cylinder", "box"])
 def test_the_limit_is_the_deepest_point_on_a_way_through(shape):
-    _, body, term, u, _ = bound(shape=shape)
+    term, u = bound(shape=shape)[2:4]
     x, down = of_vertices(u), np.tile([0.0, 0.0, -1.0], (MESHES["tetrahedra"].nv, 1))
     above = x - 2 * down
     limit = term.contact_limit(above, down)
@@ -161,7 +164,7 @@ def test_the_limit_is_the_deepest_point_on_a_way_through(shape):
     through = depths.min(axis=0) < -1e-3
     deepest = depths[:, through].argmin(axis=0).min() * 5 / 2000
     assert limit == pytest.approx(deepest, abs=0.02) if shape != "box" else deepest < limit < 2.5  # the middle of the way through
-    assert body.contact_limit(above.ravel(), down.ravel()) == (limit, "contact")
+    assert term.name == "contact"
     assert term.contact_limit(above, -down) == np.inf
     assert bound(shape="plane")[2].contact_limit(x, down) == bound(shape="inside a sphere")[2].contact_limit(x, down) == np.inf
 
@@ -391,14 +394,13 @@ def thrown(stiffness=1e9, cells=2, speed=100.0, rests=True):
     [
         (lambda one: one[:-1], "the history of RigidContact 'floor' is .*; expected"),
         (lambda one: np.where(np.arange(len(one)) == 9, np.nan, one), "the history of RigidContact 'floor'"),
-        (None, "it has the histories of 0 terms; expected 1"),
+        (None, "history.0: it has no array 'history 0'"),
     ],
 )
 def test_a_checkpoint_with_a_damaged_history_is_refused(change, words, tmp_path):
     contact = floor(friction=Friction(0.3, slip_speed=0.05))
     dropped(contact, BackwardEuler(1e-3), 0.005, checkpoint=tmp_path)
-    header, arrays = read_archive(tmp_path / "motion.npz", MotionHeader, MotionCheckpoint.known, "")
-    header = header.model_dump(mode="json")
+    header, arrays = read_archive(tmp_path / "motion.npz", MOTION, "")
     history = arrays.pop("history 0")
     write_archive(tmp_path / "motion.npz", header, arrays if change is None else arrays | {"history 0": change(history)})
     with pytest.raises(StvkError, match=f"is damaged: {words}"):
@@ -475,7 +477,7 @@ def test_half_the_thickness_of_a_shape_is_where_points_are_pushed_out_on_the_oth
 
 def test_without_the_check_a_block_passes_through_a_ball(monkeypatch):
     body, v0 = thrown()
-    monkeypatch.setattr(System, "passed_contact", lambda *given: "")
+    monkeypatch.setattr(steps, "_passed_contact", lambda *given: "")
     sim = Simulation(body, LinearBackwardEuler(4e-3), v0=v0)
     sim.step()
     assert (body.mesh.p[2] + sim.u.reshape(-1, 3)[:, 2]).max() < -0.16
@@ -499,7 +501,7 @@ def test_points_pass_where_they_leave_on_the_other_side(shape, aside, passes):
     _, body, term, u, _ = bound(shape=shape)
     start = np.tile([0.5 + aside, 0.5, 5.0], (len(u) // 3, 1)) - body.mesh.p.T  # all nodes at one point, above the shape
     fall = np.tile([0, 0, -12.0], (len(u) // 3, 1))
-    assert term.passes(start, start + fall) == passes == (body.passed_contact(start.ravel(), (start + fall).ravel()) == "contact")
+    assert term.passes(start, start + fall) == passes
     assert not term.passes(start, start + 0.3 * fall)
 
 

@@ -300,7 +300,7 @@ def test_a_surface_within_the_body_is_refused(d):
     System(block, [law, MeshContact(None, RigidMesh((outer.p, outer.surface)), distance=0.01)])
     over = np.tile(2.15 - np.full(d, 0.25), body.mesh.nv)  # the outer one is in the middle of the wall then
     with pytest.raises(ContactError, match=r"the RigidMesh at \(2\.0, .*inside the body"):
-        body.refuse_start(over)
+        body.contacts[0].refuse_start(over.reshape(-1, d))
 
 
 BAD = {

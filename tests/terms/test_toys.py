@@ -48,6 +48,7 @@ def balance(system, u):
     return np.abs(residual).max() / np.abs(system.external_force(u)).max()
 
 
+@pytest.mark.few
 @pytest.mark.filterwarnings("ignore::skfem_stvk.StvkWarning")
 @pytest.mark.parametrize(
     ("name", "solver"),
@@ -61,6 +62,7 @@ def test_a_static_solve_finds_the_equilibrium(name, solver):
     assert np.abs(found.u - without.u).max() > 1e-3 * np.abs(found.u).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("integrator", [VelocityVerlet(1e-3), Newmark(0.01), BackwardEuler(0.01), EnergyMomentum(0.01)], ids=repr)
 @pytest.mark.parametrize("name", TOYS)
 def test_a_motion_is_near_that_of_small_steps(name, integrator):

@@ -52,6 +52,7 @@ def domain(kind):
     return WIDE[WIDE > 0] if ENERGIES[kind].infinite_energy else WIDE
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("kind", "J"),
     [(kind, J) for kind in KINDS for J in (1.7, 1.0, 0.8, 0.3, 1e-3, -0.6) if J > 0 or not ENERGIES[kind].infinite_energy],
@@ -98,6 +99,7 @@ def test_the_rule_is_the_least_stiffness_without_a_limit_point_in_confined_compr
     assert confined_stiffness(kind, 0.9999 * c, s).min() < -1e-6
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
     ("name", "term"),
@@ -165,6 +167,7 @@ def test_at_the_documented_stiffness_a_mirrored_element_has_no_equilibrium(kind)
     assert ((s**3 - s) / 2 + 1.001 * k * slope).max() < 0 < ((s**3 - s) / 2 + 0.99 * k * slope).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("offset", [0.0, 2.0**20])
 @pytest.mark.parametrize("strain", [1e-3, 1e-8])
 @pytest.mark.parametrize("kind", KINDS)
@@ -288,6 +291,7 @@ def test_elements_outside_of_the_region_may_be_inverted():
     assert 4 in body.inside_out(u) and body.energy(u) > 0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("size", [1e60, 1e110, 1e160, 1e300])
 @pytest.mark.parametrize("kind", KINDS)
 def test_overflow_is_an_error_and_not_nan(kind, size):

@@ -68,6 +68,7 @@ def by_scikit_fem(mesh, kind, u, rule):
     return W, F, skfem.BilinearForm(bilinear).assemble(basis)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("kind", "rule"), [*((kind, "usual") for kind in ENERGIES), ("barrier", "exact")])
 @pytest.mark.parametrize("name", KNOWN)
 def test_energy_force_and_tangent_are_scikit_fems(name, kind, rule, monkeypatch):
@@ -84,6 +85,7 @@ def test_energy_force_and_tangent_are_scikit_fems(name, kind, rule, monkeypatch)
     assert total == pytest.approx(W, rel=1e-12) and np.abs(again - found).max() < 1e-14 * np.abs(found).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SOLID)
 def test_the_compiled_kernels_agree_with_the_readable_ones(name, monkeypatch):
     in_parts(monkeypatch, 2)
@@ -104,6 +106,7 @@ def test_the_compiled_kernels_agree_with_the_readable_ones(name, monkeypatch):
             assert np.abs(one - other).max() < 1e-12 * np.abs(other).max() > 0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", ENERGIES)
 @pytest.mark.parametrize("name", SOLID)
 def test_a_homogeneous_state_has_the_energy_of_its_volume_and_no_force_within(name, kind):

@@ -89,6 +89,7 @@ def area():
     return abs(a[0] * b[1] - a[1] * b[0]) / 2
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("space", ["in the plane", "turned round", "in space"])
 @pytest.mark.parametrize("name", STRAINS)
 def test_energy_and_stress_are_those_of_the_state(name, space):
@@ -137,6 +138,7 @@ def test_the_energy_is_the_least_of_all_wider_strains():
             assert body.energy(strained("in the plane", E1, E2, angle)) == pytest.approx(area() * least, rel=1e-5, abs=1e-8)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", ["taut", "equal", "just taut", "just wrinkled", "wrinkled", "large", "small", "hardly pulled"])
 @pytest.mark.parametrize("space", ["turned round", "in space"])
 def test_the_tangent_is_the_derivative_of_the_force_within_each_state(name, space):

@@ -33,6 +33,7 @@ def test_every_name_has_a_study():
     assert tuple(STUDIES) == contact.NAMES
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in contact.NAMES if name not in contact.WHOLE_ONLY])
 def test_the_quick_study_holds(name, gmsh):
     study = STUDIES[name](True)

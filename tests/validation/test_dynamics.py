@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from slow import slow_but
+from slow import slow
 
 from skfem_stvk import BodyForce, Gravity, System
 from skfem_stvk.solvers.dynamics import (
@@ -127,9 +127,7 @@ def test_errors_at_a_cost_and_costs_of_an_error_are_interpolated():
 # the studies
 
 
-@pytest.mark.parametrize(
-    "name", slow_but(set(dynamics.NAMES) - {"independent", "csm3", "limit", "speed", "step-solvers"}, dynamics.NAMES)
-)
+@pytest.mark.parametrize("name", [name if name in ("flight", "vibrations") else slow(name) for name in dynamics.NAMES])
 def test_the_studies_hold(name, tmp_path, capsys):
     code = dynamics.main(quick=True, only=[name], out=str(tmp_path / "new"))
     out = capsys.readouterr().out

@@ -15,6 +15,7 @@ from validation.fuzz import bodies, files, programs, solves, study
 CONTACTS = ("contacts", "contact programs", "contact solves", "contact motions")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("family", ["bodies", "programs", "solves", "motions", *CONTACTS, "mesh files", "scene files"])
 def test_random_cases_are_right_or_refused_with_a_clear_error(family, tmp_path):
     counts = Counter()

@@ -33,6 +33,7 @@ QUICK = study.cases(hard.NAMES, quick=True)
 LONG = [case for case in study.cases([name for name in hard.NAMES if name != "slender"], quick=False) if not case.quick]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "case",
     [*(slow(case) if case.name.startswith(TAKES_ITS_TIME) else case for case in QUICK), *map(slow, LONG)],

@@ -33,6 +33,7 @@ SAYS_INSIDE_OUT, SAYS_ENERGY = (
 )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "scene",
     [*(slow(scene) if scene.name in LONG else scene for scene in QUICK), *map(slow, QUADRATIC)],
@@ -133,6 +134,7 @@ def test_a_reported_success_is_wrong_if_there_is_no_right_motion(landing):
     assert judge.judged(system, motion.u, motion.v, True, "", endings.none(0.1)).why == "no right motion"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("make", "inverted"),
     [

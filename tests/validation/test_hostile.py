@@ -13,6 +13,7 @@ def outcomes():
     return {outcome.case: outcome for outcome in runner.outcomes(runner.jobs({"planted": "planted"}))}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", planted.EXPECTED)
 def test_a_planted_fault_of_each_kind_is_caught(outcomes, name):
     assert outcomes.keys() == planted.EXPECTED.keys()

@@ -12,6 +12,7 @@ from validation.hostile.case import Verdict, Wrong
 from validation.hostile.extended_stvk import ExtendedStVK
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("plane", [None, "stress"])
 @pytest.mark.parametrize("name", MESHES)
 def test_the_textbook_in_extended_precision_agrees_with_scikit_fem(name, plane):

@@ -37,6 +37,7 @@ def dense(body, blocks, diagonal):
     return K.reshape(3 * body.nv, -1)
 
 
+@pytest.mark.few
 @EVERY
 def test_the_counted_run_gives_the_right_result(chosen, truth):
     u, F, K = truth
@@ -47,6 +48,7 @@ def test_the_counted_run_gives_the_right_result(chosen, truth):
     assert tally.additions > 0 and tally.multiplications > 0 and tally.divisions == 0
 
 
+@pytest.mark.few
 @EVERY
 def test_operations_are_a_sum_over_vertices_edges_faces_and_tetrahedra(chosen, truth, found):
     body = Body(MESH, *LAME)  # not one of the meshes from which the sum was determined

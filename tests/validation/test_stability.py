@@ -105,6 +105,7 @@ def acoustic_minimum(F, lam, mu, directions):
     return np.linalg.eigvalsh(Q)[:, 0].min()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("nu", [0.0, 0.2, 0.3, 0.45])
 @pytest.mark.parametrize("case", ellipticity.CASES, ids=lambda case: case.name)
 def test_ellipticity_is_lost_at_the_closed_stretches(case, nu):
@@ -217,6 +218,7 @@ def test_the_dome_is_a_quarter_of_a_cap():
 # the studies
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "study",
     [

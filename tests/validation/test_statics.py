@@ -33,6 +33,7 @@ def lame(k, young=2.0, poisson=0.3):
     return (young, 0.0) if k == 1 else (young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson)))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("t", [0.3, 1.0])
 @pytest.mark.parametrize(("state", "k"), [(name, k) for name, (_, dimensions) in STATES.items() for k in dimensions])
 def test_closed_forms_are_those_of_the_law(state, k, t):

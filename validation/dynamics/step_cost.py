@@ -10,10 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from skfem_stvk import Gravity, StVK, System
 from skfem_stvk.solvers.dynamics import ForwardEuler, LinearBackwardEuler, VelocityVerlet, simulate
-from skfem_stvk.solvers.dynamics.ledger import Ledger
 from skfem_stvk.solvers.dynamics.ledger_rows import LedgerLocations, LedgerWriter, column_names
 from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MOST, MotionState
+from skfem_stvk.solvers.runs.ledger import Ledger
 from skfem_stvk.terms.loads.load import Time
 
 from ..statics.study import Study

@@ -34,7 +34,6 @@ CALLS: dict[str, Call] = {
     "elastic_energies": lambda s, u, v: s.elastic_energies(u),
     "energy_along": lambda s, u, v: s.energy_along(u, v),
     "contact_force": lambda s, u, v: s.contact_force(u),
-    "contact_limit": lambda s, u, v: s.contact_limit(u, v),
     "copied": lambda s, u, v: deepcopy(s).internal_force(u),
     "round_off": lambda s, u, v: s.round_off(u),
     "mass": lambda s, u, v: s.mass(),

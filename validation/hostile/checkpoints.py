@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from skfem_stvk.arguments import Array
-from skfem_stvk.results.store import write_archive
 from skfem_stvk.solvers.dynamics import SimulationError
+from skfem_stvk.solvers.runs.archive import write_archive
 from skfem_stvk.solvers.statics import SolveError
 
 from .case import Case, Verdict, Wrong, is_readable

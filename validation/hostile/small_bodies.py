@@ -110,7 +110,7 @@ def drawn(function: Callable[..., Any]) -> Callable[..., Any]:
 
         with (
             patch("skfem_stvk.referee.plots.page", lambda report: "page"),
-            patch("skfem_stvk.solvers.dynamics.ledger._draw", lambda ledger, path: path),
+            patch("skfem_stvk.solvers.runs.ledger._draw", lambda ledger, path: path),
             patch("skfem_stvk.results.matplotlib_plot.draw", lambda picture, path: picture),
             patch("skfem_stvk.results.matplotlib_plot.write_film", film),
         ):

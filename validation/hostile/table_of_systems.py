@@ -140,13 +140,6 @@ def calls() -> list[Call]:
             {"elements": "region|elements|subdomain"},
             elements=[0, 3],
         ),
-        call(
-            "System.elements_to_remove",
-            body.elements_to_remove,
-            {"elements": frozenset({"empty list", "empty dict", "empty array", "one longer"})},
-            {"elements": "region|elements|subdomain"},
-            elements=[0, 3],
-        ),
         call("Mass.multiply", mass.multiply, v=u),
         call("Mass.solve", mass.solve, f=u),
         call("consistent Mass.multiply", body.mass("consistent").multiply, v=u),

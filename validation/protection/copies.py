@@ -17,7 +17,7 @@ from .mutants import PACKAGE, Mutant
 
 #: Tests that read the source instead of running it would reject a mutant for its form; and the tests of this study.
 FORM = (*(f"tests/test_{name}.py" for name in ("house", "words", "numpydoc")), "tests/validation/test_protection.py")
-LEFT_OUT = shutil.ignore_patterns(".git", ".venv", ".hypothesis", "*_cache", "__pycache__", "build", "dist")
+LEFT_OUT = shutil.ignore_patterns(".git", ".venv", ".hypothesis", "*_cache", "build", "dist")
 FOLDER_OF_KERNELS = "from skfem_stvk.kernels.compiled import cache_folder; print(cache_folder())"
 KERNELS = f"{PACKAGE}/kernels/__init__.py"
 _stamps = count(1_000_000_000)  # times of edited files, all different, so that Python compiles each of them

@@ -1,6 +1,7 @@
 """Motion in time: masses, damping, integrators, modes."""
 
 from ..newton.outcome import Interrupted, Status
+from ..runs.ledger import Ledger
 from .critical_elements import CriticalElements, critical_elements
 from .critical_step import CriticalStep, LargestFrequency, critical_step
 from .damping import EdgeDamping, Rayleigh
@@ -15,7 +16,6 @@ from .integrators import (
     Newmark,
     VelocityVerlet,
 )
-from .ledger import Ledger
 from .modes import Modes, modes
 from .removal import PrincipalStressLimit
 from .run import Run, SimulationError

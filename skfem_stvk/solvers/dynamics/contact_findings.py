@@ -11,7 +11,7 @@ from ...results.penetration import DEEP, penetration, short_contacts
 from ...system import System
 from ...terms.loads.load import Time
 from ...terms.loads.rigid_contact import BoundRigidContact
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 
 
 def start_within(system: System, ledger: Ledger) -> str:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, TypeAlias
+from typing import Annotated, Any, NamedTuple, TypeAlias
 
 from ...arguments import number, shown
 from ...errors import StvkError
+from ...npz import Within
 
 
 @dataclass(frozen=True)
@@ -99,9 +100,9 @@ Damping: TypeAlias = "Rayleigh | EdgeDamping | Sequence[Rayleigh | EdgeDamping]"
 class DampingFactors(NamedTuple):
     """Factors of `D = alpha M + beta K0 + tau K_GN(u)`."""
 
-    alpha: float = 0.0
-    beta: float = 0.0
-    tau: float = 0.0
+    alpha: Annotated[float, Within(0.0)] = 0.0
+    beta: Annotated[float, Within(0.0)] = 0.0
+    tau: Annotated[float, Within(0.0)] = 0.0
 
 
 def damping_factors(damping: Damping | None) -> DampingFactors:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import name_ids, warn
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 from .ledger_rows import INSIDE_OUT, known_strain
 from .motion import Motion
 from .record import MotionState, RunRecord
@@ -60,7 +60,7 @@ class Guard:
         _, excess, available = self._last_row()
         if excess > available * GOOD:
             return False
-        return bool(excess - self._record.ledger["closure_error"][good.rows - 1] <= available * QUICKLY * since)
+        return bool(excess - self._record.ledger["closure_error"][good.steps] <= available * QUICKLY * since)
 
     def _last_row(self) -> tuple[float, float, float]:
         """Return the kinetic energy, the closure error and the largest available energy so far [J]."""

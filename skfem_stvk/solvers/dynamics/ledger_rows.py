@@ -18,7 +18,7 @@ from ...results.reactions import ReactionPlace
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...terms.loads.rigid_contact import BoundRigidContact
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 from .motion import Motion
 from .record import MotionState
 
@@ -61,45 +61,9 @@ class Balance(NamedTuple):
 def column_names(
     body: System | Coordinates, probes: Iterable[str] = (), reactions: Iterable[str] = (), *, removing: bool = False
 ) -> tuple[str, ...]:
-    """Return the columns of a motion's ledger, in their order. `removing`: whether elements may be removed from the body.
+    """Return the columns of a motion's ledger, in their order; `docs/reference/files.md` describes each.
 
-    ===================================  ====================================================================================
-    `time`                               [s]
-
-    `kinetic_energy`                     `1/2 v . M v` [J]
-
-    `strain_energy`                      `W(u)` [J]. With several elastic terms, columns `strain_energy StVK 0` and so on follow,
-                                         named as in `System.energies`. NaN where a term has no energy.
-
-    `potential_energy`                   of the loads that have a potential [J]
-
-    `external_work`                      work since the first step of loads without a potential, of prescribed motion and of
-                                         loads that change with time [J]
-
-    `dissipated_work`                    energy lost to damping and friction since the first step [J]
-
-    `friction_work`                      only with friction: its part of `dissipated_work` [J]
-
-    `removed_energy`                     only with `simulate(..., remove=...)`: kinetic, strain and potential energy of the
-                                         elements that were removed since the first step [J]
-
-    `total_energy`, `closure_error`      see `Balance` [J]. The total energy is NaN where a term has no energy.
-
-    `inside_out`                         number of inverted or flat elements at the last count. They are counted after every
-                                         step of implicit integrators, every 20 steps of explicit ones, and at both ends.
-
-    `linear_momentum_x`, ...             [kg m/s]
-
-    `angular_momentum_x`, ...            about the origin [kg m^2/s]; in two dimensions `_z` alone
-
-    `A x`, `A y`, ...                    displacements of the probe `A` [m]
-
-    `reaction B x`, ...                  force of supports and foundations at `B`, see `Run.reaction` [N]
-
-    `contact C x`, ...                   resultant of the contact `C` in the last step, see `Run.contact` [N]
-
-    `contact C gap`                      with a rigid shape: the smallest gap of all points [m], negative where one touches
-    ===================================  ====================================================================================
+    `removing`: whether elements may be removed from the body.
     """
     axes = "xyz"[: body.mesh.d]
     terms, contacts = body.elastic_names, body.contacts if isinstance(body, System) else []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...errors import StateError, warn
 from ...linear.choose import header_text
@@ -18,8 +17,8 @@ from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text
 from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
 from .motion_outputs import Outputs
+from .motion_progress import MotionProgress
 from .options import Setup
-from .progress import MotionProgress
 from .record import MotionState, RunRecord
 from .removal import Removal, removal_text
 from .run import Run, SimulationError
@@ -137,9 +136,11 @@ class Loop:
                     f"energy was created numerically, {total:.3g} {self._units.of('J')} in all at {self._time(t)}",
                 )
             if whole:
-                removed = self._removal is not None and self._remove(self._removal.chosen(record))
-                self._steps.review(recompute=removed)
-                if removed or self._guard.is_good():
+                chosen = () if self._removal is None else self._removal.chosen(record)
+                if len(chosen):
+                    self._steps.remove(np.asarray(chosen), self._ledger_writer)
+                self._steps.review(recompute=len(chosen) > 0)
+                if len(chosen) or self._guard.is_good():
                     record.store_good_state()
             record.origin = self._stepper.origin
         except StepFailed as error:
@@ -148,21 +149,6 @@ class Loop:
             return Status.STOPPED if isinstance(error, StepCollapsed) else Status.BLEW_UP, str(error).rstrip(".")
         self._stepping = False
         return Status.FINISHED, ""
-
-    def _remove(self, elements: NDArray[np.int64]) -> bool:
-        """Remove elements at the last recorded state and enter its row again. Return whether any elements were removed."""
-        if not len(elements):
-            return False
-        record, motion = self.record, self.setup.motion
-        state, d = record.state, motion.system.mesh.d
-        self._ledger_writer.record_removal(state, lambda: motion.remove_elements(elements))
-        record.add_removed(elements, state.t)
-        record.history = motion.body.after_step(record.history)
-        state.v.reshape(-1, d)[motion.system.bare] = 0
-        state.a[:] = 0
-        self._steps.start()
-        self._ledger_writer.append_row(state, self._stepper.strain_energy(state))
-        return True
 
     @property
     def _units(self) -> UnitSystem:
@@ -207,6 +193,7 @@ class Loop:
             status = Status.ENDED_INVERTED
         message = self._units.text(self._message(status, detail, cause, findings))
         return Run(
+            system=setup.motion.system,
             motion=setup.motion,
             integrator=setup.integrator,
             u=u.copy(),

@@ -7,19 +7,16 @@ import time
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from ...errors import StvkError, warn
-from ...results import Fields, Series
 from ...results.complete_files import of_leader
-from ...results.contact_forces import contact_states
+from ...system import System
 from ...system.signature import Fingerprint
-from .ledger import LedgerFile
+from ..runs.ledger import LedgerFile
+from ..runs.outputs import StateSeries
+from .motion_checkpoint import MotionCheckpoint, SavedMotion
 from .options import Options, Setup
 from .record import RunRecord
-
-if TYPE_CHECKING:
-    from .motion_checkpoint import MotionCheckpoint, MotionHeader
 
 #: Default number of steps from one saved state to the next.
 EVERY = 10
@@ -39,7 +36,7 @@ class Outputs:
         self,
         setup: Setup,
         record: RunRecord,
-        series: Series | None = None,
+        series: StateSeries | None = None,
         every: int = EVERY,
         checkpoint: MotionCheckpoint | None = None,
     ) -> None:
@@ -47,54 +44,41 @@ class Outputs:
         self._series, self._every, self._checkpoint = series, every, checkpoint
         self.written = -1  # steps at the last checkpoint; negative if there is none yet
         if series is not None:
-            self._fields = Fields.of(setup.motion.system)
             table = LedgerFile(series.path.with_suffix(".csv"), record.ledger)
-            self._write_table = partial(of_leader, series.space.comm, table.write)
+            self._write_table = partial(of_leader, series.comm, table.write)
 
     @classmethod
-    def opened(cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack) -> Outputs:
-        """Open the files of a run that begins. Refuse files of another problem."""
-        series, save, overwrite = None, options.output_files.save, options.output_files.overwrite
-        if save is not None or options.checkpoint is not None:
-            problem = setup.problem(record.state.t, options.start(setup.motion.system))
-            if setup.rule is not None:
-                assert problem.signature  # computed now, before elements are removed
-        if options.checkpoint is not None:
-            options.checkpoint.belongs_to(problem, overwrite)
-        if save is not None:
-            space = setup.motion.system.space
-            series = stack.enter_context(
-                Series(save, options.output_files.fields, problem=problem, overwrite=overwrite, space=space)
-            )
-        return cls(setup, record, series, options.output_files.every or EVERY, options.checkpoint)
-
-    @classmethod
-    def resumed(
-        cls, setup: Setup, record: RunRecord, options: Options, stack: ExitStack, problem: Fingerprint, then: MotionHeader
+    def opened(
+        cls,
+        setup: Setup,
+        record: RunRecord,
+        options: Options,
+        stack: ExitStack,
+        problem: Fingerprint | None = None,
+        then: SavedMotion | None = None,
     ) -> Outputs:
-        """Open the files of a run that continues. The series is at the user-supplied path, or next to the checkpoint."""
-        checkpoint, every, t = options.checkpoint, options.output_files.every or then.every, record.state.t
-        assert checkpoint is not None
-        checkpoint.belongs_to(problem, overwrite=options.output_files.overwrite or checkpoint.source != checkpoint.file)
-        s = setup.motion.system.units.of("s")
-        save = options.output_files.save or _series_next_to(then, checkpoint.folder, s)
-        if save is None:
-            return cls(setup, record, None, every, checkpoint)
-        if then.save is not None and not save.exists():
-            warn(
-                f"{save} does not exist, so it begins at t = {t:g} {s}. Earlier states are in the series of the run that is "
-                f"resumed, {then.save!r}."
-            )
-        last = float(record.ledger["time"][record.steps - record.steps % every])
-        space = setup.motion.system.space
-        series = stack.enter_context(
-            Series(save, options.output_files.fields, resume=True, until=last, problem=problem, space=space)
-        )
-        if series.steps and series.steps[-1][0] < last < t and every == then.every:
-            warn(
-                f"{series.path} ends at t = {series.steps[-1][0]:g} {s}: its state at {last:g} {s} is missing and cannot be "
-                "restored."
-            )
+        """Open the files of a run until the end of `stack`. Refuse files of another problem.
+
+        A run that continues has the problem of its checkpoint, and its content `then`. Its series is at the user-supplied path, or
+        next to the checkpoint.
+        """
+        files, checkpoint, series, system = options.output_files, options.checkpoint, None, setup.motion.system
+        save, every, resumed = files.save, files.every or (EVERY if then is None else then.every), {}
+        if problem is None:
+            problem = setup.problem(record.state.t, options.start(system))
+            if setup.rule is not None and (save or checkpoint):
+                assert problem.signature  # computed now, before elements are removed
+        if checkpoint is not None:
+            checkpoint.belongs_to(problem, files.overwrite)
+        if then is not None and checkpoint is not None:
+            save = save or _series_next_to(then, checkpoint.folder, system.units.of("s"))
+            if save is not None:
+                _warn_of_new_series(then, save, system)
+            resumed = {"resume": True, "until": float(record.ledger["time"][record.steps - record.steps % every])}
+        if save is not None:
+            series = stack.enter_context(StateSeries(save, system, problem, files, **resumed))
+            if then is not None and every == then.every:
+                _warn_of_missing_state(series, resumed["until"], record.state.t, system)
         return cls(setup, record, series, every, checkpoint)
 
     @property
@@ -113,12 +97,10 @@ class Outputs:
         if series is None:
             return
         with self._record.watch("write"):
-            self._fields.leave_out(self._setup.motion.system.removed)
             if not series.steps or series.steps[-1][0] < state.t:
                 motion = self._setup.motion
                 u, v = (motion.states.expand(x) for x in (state.u, state.v))
-                contacts = contact_states(motion.system, u, motion.moment(state.t), state.forces)
-                series.add(self._fields.at(u, v, contacts), state.t)
+                series.add_state(state.t, motion.system, u, motion.moment(state.t), v, state.forces)
             self._write_table()
 
     def save_if_due(self) -> None:
@@ -140,15 +122,12 @@ class Outputs:
         """Write the checkpoint now, after saving the state if that is due."""
         if self._checkpoint is None:
             return
-        from .motion_checkpoint import packed  # imports pydantic, only if a checkpoint is written
-
         self.save_if_due()
         record, setup, seconds = self._record, self._setup, self._record.watch.parts()
         with self._record.watch("write"):
-            about, arrays = packed(record, setup.locations, setup.integrator.dt is None, setup.motion.system.mesh)
-            about |= {"counts": vars(record.counts), "seconds": seconds, "every": self._every}
-            about["save"] = None if self._series is None else str(self._series.path)
-            self._checkpoint.write(about, arrays, record.ledger)
+            save, found = None if self._series is None else str(self._series.path), setup.integrator.dt is None
+            others = {"seconds": seconds, "every": self._every, "save": save}
+            self._checkpoint.replace(SavedMotion.of(record, setup.locations, setup.motion.system.mesh, found=found, **others))
         self.written = record.steps
 
     def discard_later_states(self) -> None:
@@ -186,7 +165,23 @@ class Outputs:
         return f" To continue from {there}: checkpoint={str(self._checkpoint.folder)!r}, resume=True."
 
 
-def _series_next_to(then: MotionHeader, folder: Path, unit: str) -> Path | None:
+def _warn_of_new_series(then: SavedMotion, save: Path, system: System) -> None:
+    """Warn if the series of a resumed run does not exist at its path, so that earlier states are elsewhere."""
+    if then.save is not None and not save.exists():
+        warn(
+            f"{save} does not exist, so it begins at t = {then.state.t:g} {system.units.of('s')}. Earlier states are in the series "
+            f"of the run that is resumed, {then.save!r}."
+        )
+
+
+def _warn_of_missing_state(series: StateSeries, last: float, t: float, system: System) -> None:
+    """Warn if the series of a resumed run at time `t` lacks its last state before, at the time `last`."""
+    if series.steps and series.steps[-1][0] < last < t:
+        s = system.units.of("s")
+        warn(f"{series.path} ends at t = {series.steps[-1][0]:g} {s}: its state at {last:g} {s} is missing and cannot be restored.")
+
+
+def _series_next_to(then: SavedMotion, folder: Path, unit: str) -> Path | None:
     """Return the path of a run's series: its file name, in the folder that contains the checkpoint."""
     if then.save is None:
         return None
@@ -194,6 +189,6 @@ def _series_next_to(then: MotionHeader, folder: Path, unit: str) -> Path | None:
     if not save.is_file() or save.suffix.lower() != ".pvd":
         raise StvkError(
             f"The run of the checkpoint {folder} saved the series {then.save!r}, but there is no {save.name} in {save.parent}. "
-            f"Move the series there, or name its path, or that of a new series from t = {then.now.t:g} {unit} on: save=..."
+            f"Move the series there, or name its path, or that of a new series from t = {then.state.t:g} {unit} on: save=..."
         )
     return save

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,19 +15,17 @@ from ...errors import StvkError
 from ...linear.choose import is_auto
 from ...mesh.displacements import by_vertex
 from ...mesh.locations import Where
-from ...results.complete_files import NO_FILES, OutputFiles
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.signature import Fingerprint, sums_of
 from ...units import UnitSystem
+from ..runs.outputs import NO_FILES, OutputFiles
 from .damping import Damping
 from .integrators import INTEGRATORS, Integrator
 from .ledger_rows import LedgerLocations
 from .motion import Motion
+from .motion_checkpoint import MotionCheckpoint
 from .removal import Rule, rule_text
-
-if TYPE_CHECKING:
-    from .motion_checkpoint import MotionCheckpoint
 
 #: Name in files of the numbers that identify the basis of a motion.
 BASIS = "the basis"
@@ -125,7 +123,7 @@ def refuse_unsupported(motion: Motion, integrator: Integrator, removing: bool) -
 
 
 def method_options(motion: Motion, integrator: Integrator, rule: Rule | None = None) -> dict[str, Any]:
-    """Return all options of the method, in the form of `MethodRecord`. A solver object is stored by its name."""
+    """Return all options of the method, in the form of `MotionMethod`. A solver object is stored by its name."""
     options = {one.name: getattr(integrator, one.name) for one in fields(integrator)}
     objects = {name: value.name for name, value in options.items() if hasattr(value, "name")}
     plain = {name: x if x is None or isinstance(x, str) else float(x) for name, x in options.items() if name not in objects}

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from math import ceil, isfinite, nan, ulp
-from typing import Any, NamedTuple
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arguments import Array
+from ...npz import Count, Ids, Stored, Vector, Vectors, Within
+from ..newton.problem import Tangent
 from ..newton.stopwatch import Stopwatch
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 
 #: Tolerance for the end of the run, as a part of a step.
 SLACK = 1e-6
@@ -21,6 +22,8 @@ ROUNDED = 1e-6
 MOVES, FIRST, FEWEST, MOST = 0.01, 10, 5, 200
 #: Largest number of times that computed steps are halved.
 HALVINGS = 4
+#: Length of a step, or a bound on it [s]; infinite for a body without stiffness.
+Bound: TypeAlias = Annotated[float, Within(0.0, finite=False)]
 
 
 @dataclass
@@ -28,13 +31,13 @@ class MotionState:
     """State of a motion at one time, with vectors (ndofs,). Integrators change them in place after a successful step."""
 
     t: float  # time [s]
-    u: Array  # displacements [m]
-    v: Array  # velocities [m/s]
-    a: Array  # accelerations [m/s^2] if the integrator stores them, otherwise zero
+    u: Vector  # displacements [m]
+    v: Vector  # velocities [m/s]
+    a: Vector  # accelerations [m/s^2] if the integrator stores them, otherwise zero
     #: Mean forces of the supports over the last step [N].
-    reaction: Array
+    reaction: Vector
     #: (n, ndofs) forces of each contact, and in a last row of all foundations, on the body in the last step [N].
-    forces: Array
+    forces: Vectors
 
     @classmethod
     def at(cls, t: float, u: Array, v: Array, rows: int = 0) -> MotionState:
@@ -64,8 +67,8 @@ class Clock:
     """
 
     start: float  # time at which steps of the length `dt` began [s]
-    dt: float  # 0 before it is computed [s]
-    count: int = 0  # number of steps since `start`
+    dt: Annotated[float, Within(ulp(0.0))]  # 0 before it is computed [s]
+    count: Count = 0  # number of steps since `start`
 
     @property
     def t(self) -> float:
@@ -101,13 +104,13 @@ class Reviews:
     Reviews are rare while the step is constant.
     """
 
-    next: int = FIRST  # number of the step after which the next review is
-    interval: int = FIRST  # number of steps between two reviews
-    seen: float = 0.0  # the bound at the last review [s]
-    step: float = 0.0  # the critical step when it was computed last [s]
-    bound: float = 0.0  # its bound then [s]
-    largest: float = 0.0  # upper limit of computed steps [s]
-    halvings: int = 0  # number of blow-ups; computed steps were halved after each
+    next: Count = FIRST  # number of the step after which the next review is
+    interval: Annotated[int, Within(FEWEST, MOST)] = FIRST  # number of steps between two reviews
+    seen: Bound = 0.0  # the bound at the last review [s]
+    step: Bound = 0.0  # the critical step when it was computed last [s]
+    bound: Bound = 0.0  # its bound then [s]
+    largest: Bound = 0.0  # upper limit of computed steps [s]
+    halvings: Annotated[int, Within(0, HALVINGS)] = 0  # number of blow-ups; computed steps were halved after each
 
     @property
     def latest(self) -> float:
@@ -131,8 +134,8 @@ class Reviews:
 class Counts:
     """Counts of a stepper over the whole motion, including the part before it was resumed."""
 
-    iterations: int = 0  # of Newton's method, or of the linear solver if a step is one linear solve; otherwise 0
-    clamped: int = 0  # linear steps with the clamped tangent, because K was not positive definite
+    iterations: Count = 0  # of Newton's method, or of the linear solver if a step is one linear solve; otherwise 0
+    clamped: Count = 0  # linear steps with the clamped tangent, because K was not positive definite
 
     def add(self, before: Counts) -> None:
         """Add the counts of the run that is resumed."""
@@ -140,7 +143,8 @@ class Counts:
         self.clamped += before.clamped
 
 
-class HierarchyOrigin(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class HierarchyOrigin:
     """Matrix from which multigrid built its present hierarchy. A resumed run builds the hierarchy from the same matrix.
 
     Attributes
@@ -152,7 +156,7 @@ class HierarchyOrigin(NamedTuple):
     c, g
         Factors of accelerations and velocities, as in `Coefficients`.
     tangent
-        Value of a `Tangent` of Newton's method.
+        Tangent of Newton's method.
     with_tensions
         Whether the matrix has the tensions of the beginning of the step.
     pace
@@ -161,57 +165,54 @@ class HierarchyOrigin(NamedTuple):
         Whether the next matrix gets a new hierarchy.
     """
 
-    u0: Array
-    w: Array
+    u0: Vector
+    w: Vector
     t: float
-    c: float
-    g: float
-    tangent: str
+    c: Annotated[float, Within(0.0)]
+    g: Annotated[float, Within(0.0)]
+    tangent: Tangent
     with_tensions: bool
-    pace: float | None = None
+    pace: Annotated[float, Within(0.0)] | None = None
     slow: bool = False
 
 
-@dataclass(frozen=True)
+@dataclass
 class Snapshot:
-    """Copy of the record after a whole step."""
+    """State after a whole step, from which a run can continue."""
 
     state: MotionState
     clock: Clock
-    reviews: Reviews
-    steps: int
-    cuts: int
-    rows: int  # number of rows of the ledger
-    history: tuple[Array, ...]  # of the terms that have one
+    reviews: Reviews  # of the critical step
+    steps: Count  # number of completed steps; the ledger has one row more
+    cuts: Count  # number of steps that were made in parts
+    history: tuple[Annotated[Array, Stored(None, finite=False)], ...]  # of the terms that have one, at the state
+
+    def snapshot(self) -> Snapshot:
+        """Return a copy."""
+        return Snapshot(self.state.copy(), replace(self.clock), self.reviews, self.steps, self.cuts, self.history)
 
 
 @dataclass
-class RunRecord:
-    """Complete record from which a run can continue.
+class RunRecord(Snapshot):
+    """Complete record from which a run can continue: its present state, and the run so far.
 
     Counts and times cover the whole motion, including the part before a resume.
     """
 
-    state: MotionState
-    clock: Clock
     ledger: Ledger  # one row for each step, and one for the beginning
-    reviews: Reviews = field(default_factory=Reviews)  # of the critical step
-    steps: int = 0  # number of completed steps
-    cuts: int = 0  # number of steps that were made in parts
     good: Snapshot | None = None  # last good state, to which a run returns after a blow-up
     counts: Counts = field(default_factory=Counts)  # iterations of the steps
     watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # run time by part
     origin: HierarchyOrigin | None = None  # origin of multigrid's hierarchy
-    history: tuple[Array, ...] = ()  # of the terms that have one, at the state
-    removed: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # removed elements, in order
+    removed: Ids = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # removed elements, in order
     removed_at: Array = field(default_factory=lambda: np.empty(0))  # time of removal [s]; NaN before the run
 
     @classmethod
     def at(cls, state: MotionState, ledger: Ledger, body: Any) -> RunRecord:
         """Return the record of a run that begins with this state of the body."""
-        return cls(state, Clock(state.t, 0.0), ledger, history=body.first_history())
+        return cls(state, Clock(state.t, 0.0), Reviews(), 0, 0, body.first_history(), ledger)
 
-    def add_removed(self, elements: NDArray[np.int64], t: float) -> None:
+    def add_removed(self, elements: Ids, t: float) -> None:
         """Record that elements were removed at this time. The last good state is never older than the last removal."""
         self.removed = np.concatenate([self.removed, elements])
         self.removed_at = np.concatenate([self.removed_at, np.full(len(elements), t)])
@@ -221,17 +222,12 @@ class RunRecord:
         """Whether the state is at the end of a whole step. A run can continue only from such a state."""
         return self.state.t == self.clock.t
 
-    def snapshot(self) -> Snapshot:
-        """Return a copy of the present state, clock and counts."""
-        progress = replace(self.clock), self.reviews, self.steps, self.cuts, self.ledger.steps
-        return Snapshot(self.state.copy(), *progress, self.history)
-
     def return_to(self, then: Snapshot) -> None:
         """Return to the state of a snapshot, and delete the later rows of the ledger."""
         self.state.copy_from(then.state)
         self.clock, self.reviews, self.steps, self.cuts = replace(then.clock), then.reviews, then.steps, then.cuts
         self.history = then.history
-        self.ledger.truncate(then.rows)
+        self.ledger.truncate(min(self.ledger.steps, self.steps + 1))
 
     def store_good_state(self) -> None:
         """Store the present state as the last good state."""

@@ -4,41 +4,39 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import AnalysisError, StvkError
-from ...mesh.locations import Where
-from ...results import Fields, Reaction, State, animate, plot, write_vtu
+from ...results import animate
 from ...results.complete_files import of_leader
-from ...results.contact_forces import ContactState, contact_state, contact_states, shapes_at
+from ...results.contact_forces import shapes_at
 from ...results.monitors import Finding
-from ...results.plotting import thumbnail
-from ...results.reactions import ReactionPlace
 from ...results.table import labels_of_files
-from ...results.vtu import DEFAULT
 from ...system import System
-from ...terminal import html_table
+from ...terms.loads.load import Moment
 from ...terms.loads.rigid_shapes import RigidShape
 from ..newton.outcome import Status, with_remedy
+from ..runs.ledger import Ledger
+from ..runs.result import RunResult
 from .guards import relative_closure_error
 from .integrators import Integrator
-from .ledger import Ledger
 from .motion import Motion
 from .record import MotionState
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run:
+class Run(RunResult):
     """Motion that was simulated: its last state, its ledger and its status.
 
     Attributes
     ----------
+    system
+        Body of the last state, without removed elements.
     motion
         System with its masses and its damping.
     integrator
@@ -83,6 +81,7 @@ class Run:
     (True, 1.0, 101, array([0.   , 0.454]))
     """
 
+    system: System
     motion: Motion
     integrator: Integrator
     u: Array
@@ -103,101 +102,16 @@ class Run:
     removed_at: Array
 
     @property
-    def system(self) -> System:
-        """System of this motion."""
-        return self.motion.system
+    def _end(self) -> tuple[Moment, Array, Array]:
+        return self.motion.moment(self.t), self.v, self.last.forces
 
-    @property
-    def success(self) -> bool:
-        """Whether the run reached its end in a state without inverted elements."""
-        return self.status.success
+    def _ground_forces(self) -> Array:
+        return self.motion.ground_forces(self.last, self.ledger["time"][-3:].tolist(), self.dt, self.integrator.mean)
 
     @property
     def gained(self) -> float:
         """Final closure error, as a part of the initial or supplied energy. It is negative if the steps lost energy."""
         return relative_closure_error(self.ledger)
-
-    @cached_property
-    def contacts(self) -> tuple[ContactState, ...]:
-        """States of all contacts, as `contact` returns them."""
-        return contact_states(self.system, self.u, self.motion.moment(self.t), self.last.forces)
-
-    @cached_property
-    def state(self) -> State:
-        """All fields of the last state: `run.state["von_mises_stress"]`; see `skfem_stvk.results.names()`."""
-        return Fields.of(self.system).at(self.u, self.v, self.contacts)
-
-    def reaction(self, where: Where | None = None) -> Reaction:
-        """Return the force of supports and foundations on the body at a location.
-
-        The result has `.resultant` [N], `.moment(about)` [N m] and `.by_node`.
-
-        The force of supports is `M a + D v + F(u) - h(u, t)`. It carries the loads, and the inertia and damping of constrained
-        degrees of freedom that move. The force of foundations is `-K_f (u + beta v)`, with the factor beta of `Rayleigh` damping.
-        Together with the loads, these forces are the rate of the body's linear momentum. For a `System` with
-        `EnergyMomentum`, or whose supports move, they are those in the equation of the last step, with the inertia `M (v1 - v)/T`.
-
-        Parameters
-        ----------
-        where
-            Boundary, node set, vertex ids or a predicate; None for all locations. As in `StaticResult.reaction`, the location of a
-            support has its components and its share of common ones; any other has all constrained components at its nodes.
-
-        Raises
-        ------
-        RegionError
-            if there is no such location.
-        SupportError
-            if there is no support and no foundation at this location.
-        """
-        place, times = ReactionPlace.of(self.system, where), self.ledger["time"][-3:].tolist()
-        return place.reaction(self.system, self.u, self.motion.ground_forces(self.last, times, self.dt, self.integrator.mean))
-
-    def contact(self, name: str) -> ContactState:
-        """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.
-
-        Forces are those that acted in the last step: the mean over it with `EnergyMomentum`, `F + K w` in equation 9.
-
-        Parameters
-        ----------
-        name
-            Name of the contact, as in `RigidContact(..., name="floor")`.
-
-        Raises
-        ------
-        ContactError
-            if there is no such contact.
-        """
-        return contact_state(self.system, name, self.u, self.motion.moment(self.t), self.last.forces)
-
-    def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
-        """Draw the last state, coloured by a field.
-
-        Parameters
-        ----------
-        field
-            Name of a field, or values (nv,) at nodes or (nt,) of elements.
-        **options
-            Options of `results.plot`.
-        """
-        return plot(self.state, field, **options)
-
-    def save(self, path: str | os.PathLike[str], fields: Any = DEFAULT) -> Path:
-        """Write the last state to a .vtu file, for a body that is divided into parts to a .pvtu file.
-
-        Parameters
-        ----------
-        path
-            Path of the file, ending in .vtu or .pvtu.
-        fields
-            Names of the fields in it, see `skfem_stvk.results.names()`; by default stresses and strains.
-
-        Raises
-        ------
-        StvkError
-            as `results.write_vtu`.
-        """
-        return write_vtu(path, self.state, fields)
 
     def animate(self, path: str | os.PathLike[str], field: str = "displacement", **options: Any) -> Path:
         """Write a .gif or .mp4 of the saved states, coloured by a field.
@@ -226,21 +140,16 @@ class Run:
         """Return the rigid shapes at time `t`."""
         return shapes_at(self.system, self.motion.moment(t))
 
-    def _repr_html_(self) -> str:
-        rows = [
-            ("status", self.status),
-            ("message", self.message),
+    def _rows(self) -> list[tuple[str, Any]]:
+        return [
             (f"time [{self.system.units.of('s')}]", f"{self.t:.6g}"),
             ("steps", self.ledger.steps - 1),
             ("integrator", self.integrator),
             ("relative energy gain", f"{self.gained:.2g}"),
-            *((f"seconds, {name}", f"{seconds:.2g}") for name, seconds in self.seconds.items()),
         ]
-        return html_table("Run", rows, thumbnail(self.system, lambda: self.state))
 
     def __repr__(self) -> str:
-        parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())
-        return f"Run: {self.message}\n{self.ledger.steps - 1} steps with {self.integrator}; {parts}"
+        return self._summary(f"{self.ledger.steps - 1} steps with {self.integrator}")
 
 
 class SimulationError(AnalysisError):

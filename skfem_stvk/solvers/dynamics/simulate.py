@@ -13,22 +13,24 @@ from ...arguments import Array, flag, number
 from ...errors import LoadError, StvkError, SupportError, name_ids
 from ...mesh.displacements import by_vertex
 from ...mesh.locations import Where
-from ...results.complete_files import OutputFiles
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike, checked_system
 from ...terms.loads.load import Moment
+from ..runs.ledger import Ledger
+from ..runs.outputs import OutputFiles
 from .damping import Damping
 from .integrators import Integrator
-from .ledger import Ledger
 from .ledger_rows import LedgerLocations, column_names
 from .loop import Loop
 from .motion import Motion
+from .motion_checkpoint import MotionCheckpoint
 from .motion_outputs import Outputs
 from .options import Options, Setup, checked_integrator, refuse_unsupported, too_early
 from .record import MotionState, RunRecord
 from .removal import Rule, checked_rule
+from .resumed import resumed
 from .run import Run
 
 
@@ -168,9 +170,7 @@ def simulate(
         refuse_divided(body.space.comm, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
     with ExitStack() as stack:
         if output_files.checkpoint is not None:
-            from .motion_checkpoint import MotionCheckpoint  # imports pydantic, only if needed
-
-            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, output_files.resume, body.space))
+            checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, body.space))
         options = Options(
             until=until,
             integrator=integrator,
@@ -185,12 +185,10 @@ def simulate(
             output_files=output_files,
             checkpoint=checkpoint_file,
         )
-        if checkpoint_file is None or checkpoint_file.source is None:
-            start = _new_run(body, options, stack)
+        if checkpoint_file is not None and output_files.resume and checkpoint_file.exists:
+            start = resumed(body, options, stack, checkpoint_file.file)
         else:
-            from .resumed import resumed
-
-            start = resumed(body, options, stack, checkpoint_file.source)
+            start = _new_run(body, options, stack)
         return Loop(*start, quiet).run(raise_on_failure)
 
 
@@ -247,7 +245,8 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
         )
         raise SupportError(system.units.text(text))
     with system.units.of_errors():
-        system.refuse_start(u, moment)
+        for contact in system.contacts_at(moment):
+            contact.refuse_start(u.reshape(-1, mesh.d))
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)

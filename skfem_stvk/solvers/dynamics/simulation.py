@@ -19,22 +19,25 @@ from ...errors import StateError, StvkError, SupportError
 from ...mesh.locations import Where, vertices_at
 from ...results.contact_forces import ContactState, contact_state
 from ...results.reactions import ReactionPlace
-from ...results.state_files import MOTION_FILE
 from ...system import System
+from ...system.bound import elements_to_remove
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike
 from ...system.signature import Fingerprint, sums_of
 from ...terminal import html_table
+from ..runs.ledger import Ledger
+from ..runs.state_files import MOTION_FILE
 from .damping import Damping
 from .inputs import Inputs
 from .integrators import Integrator, StepFailed
-from .ledger import Ledger
 from .ledger_rows import REMOVED, LedgerLocations, LedgerWriter, column_names
 from .motion import Motion
+from .motion_checkpoint import MotionCheckpoint, SavedMotion, load
 from .options import Options, basis_of, checked_integrator, method_options, refuse_unsupported
-from .record import SLACK, Clock, HierarchyOrigin, MotionState, RunRecord, Snapshot
+from .record import SLACK, Clock, Counts, HierarchyOrigin, MotionState, RunRecord, Snapshot
 from .removal import rule_text
+from .resumed import restored
 from .run import SimulationError
 from .simulate import checked_body, first_state
 from .steps import HALVINGS, Steps
@@ -226,8 +229,7 @@ class Simulation:
         """
         record, values, before = self._record, self._inputs.changed(inputs), self._inputs.values
         state, clock = record.state, record.clock
-        rows, then = record.ledger.steps, (clock.start, clock.dt, clock.count, record.reviews, record.steps, record.cuts)
-        origin, history = record.origin, record.history
+        then, origin = (replace(clock), record.reviews, record.steps, record.cuts, record.history), record.origin
         if until is None:
             end = clock.next(inf)[0]
             self._inputs.begin(values, state.t, end)
@@ -243,8 +245,7 @@ class Simulation:
                     self._one_step(end)
             self._inputs.stay(values)
         except BaseException as error:
-            snapshot = Snapshot(self._before.copy(), Clock(*then[:3]), *then[3:], rows, history)
-            self._go_back(snapshot, before, origin)
+            self._go_back(Snapshot(self._before.copy(), *then), before, origin)
             if not isinstance(error, StepFailed | StateError):
                 raise
             self.failures += 1
@@ -449,24 +450,13 @@ class Simulation:
         motion, record = self._motion, self._record
         if isinstance(motion.body, Coordinates):
             raise StvkError("remove(...): a reduced system is made of all its elements; expected a Simulation of a System.")
-        ids = motion.system.elements_to_remove(elements)
+        ids = elements_to_remove(motion.system, elements)
         if not len(ids):
             return
-        state = record.state
-        if self._writer is None:
-            motion.remove_elements(ids)
-        else:
-            if REMOVED not in self._writer.ledger:
-                record.ledger = _with_removed_energy(self._writer.ledger, column_names(motion.body, removing=True))
-                self._writer = self._written(record.ledger)
-            self._writer.record_removal(state, lambda: motion.remove_elements(ids))
-        record.add_removed(ids, state.t)
-        record.history = motion.body.after_step(record.history)
-        state.v.reshape(-1, motion.system.mesh.d)[motion.system.bare] = 0
-        state.a[:] = 0
-        self._steps.start()
-        if self._writer is not None:
-            self._writer.append_row(state, self._steps.stepper.strain_energy(state))
+        if self._writer is not None and REMOVED not in self._writer.ledger:
+            record.ledger = _with_removed_energy(self._writer.ledger, column_names(motion.body, removing=True))
+            self._writer = self._written(record.ledger)
+        self._steps.remove(ids, self._writer)
         self._steps.review(recompute=True)
 
     @exclusive
@@ -527,8 +517,6 @@ class Simulation:
         StvkError
             if the folder has the file of another motion, or cannot be written.
         """
-        from .motion_checkpoint import INPUTS, MotionCheckpoint, packed  # imports pydantic, only if there are files
-
         folder, motion, record = path_of("path", path), self._motion, self._record
         (system, start), removed_at = self._first, record.removed_at
         if self._writer is None:
@@ -536,17 +524,15 @@ class Simulation:
             next_review = max(record.reviews.next - record.steps, 0)
             ledger = Ledger(column_names(motion.body))
             self._written(ledger)
-            record = RunRecord(record.state, Clock(self.t, self.dt), ledger, replace(record.reviews, next=next_review))
-            record.removed, record.origin, record.history = self._record.removed, self._record.origin, self._record.history
+            clock, reviews = Clock(self.t, self.dt), replace(record.reviews, next=next_review)
+            record = replace(record, clock=clock, reviews=reviews, steps=0, cuts=0, ledger=ledger, counts=Counts())
         record = replace(record, removed_at=removed_at)
         removing = REMOVED in record.ledger
         method = method_options(motion, self._integrator, removed_by_hand if removing else None)
         with MotionCheckpoint(folder, space=motion.states) as file:
             file.belongs_to(Fingerprint("motion", system, method, start["t0"], start), flag("overwrite", overwrite))
-            about, arrays = packed(record, LedgerLocations(), False, motion.system.mesh)
-            about |= {"counts": vars(record.counts), "seconds": {}, "every": 1, "save": None}
-            about |= {"pushed": self._inputs.pushed, "moved": self._inputs.shapes}
-            file.write(about, arrays | {INPUTS: self._inputs.values}, record.ledger)
+            inputs = {"pushed": self._inputs.pushed, "moved": self._inputs.shapes, "inputs": self._inputs.values}
+            file.replace(SavedMotion.of(record, LedgerLocations(), motion.system.mesh, found=False, seconds={}, **inputs))
             return file.file
 
     @classmethod
@@ -577,18 +563,15 @@ class Simulation:
         StvkError
             if the checkpoint is missing or damaged, or of another problem.
         """
-        from .motion_checkpoint import load  # imports pydantic, only if there are files
-        from .resumed import restored
-
         file, body = path_of("path", path) / MOTION_FILE, _body(system)
-        saved = load(file, body.space)
-        by_hand = saved.method.remove == rule_text(removed_by_hand)
+        read = load(file, body.space)
+        saved, by_hand = read.saved, read.method.remove == rule_text(removed_by_hand)
         options = Options(until=inf, integrator=integrator, remove=removed_by_hand if by_hand else None)
-        inputs = Inputs(body, saved.header.pushed, saved.header.moved)
-        motion, own, _, problem = restored(body, options, saved, file, inputs)
+        inputs = Inputs(body, saved.pushed, saved.moved)
+        motion, own, _, problem = restored(body, options, read, file, inputs)
         made: Simulation = cls.__new__(cls)
-        made._first = problem.system, saved.header.problem.numbers
-        made._begin(motion, own, saved.record(), halvings, on_failure)
+        made._first = problem.system, read.problem.numbers
+        made._begin(motion, own, saved.record(read.ledger), halvings, on_failure)
         return made
 
     def _expanded(self, x: Array) -> Array:

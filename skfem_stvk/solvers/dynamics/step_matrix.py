@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple
 
@@ -161,7 +162,7 @@ class StepMatrix:
             factors = self.tangent.factorise(K, exact)
             if multigrid.hierarchy is not before:
                 at = self._u0.copy(), w.copy(), Moment.of(t).time
-                self._origin = HierarchyOrigin(*at, self._c, self._g, tangent.value, self.with_tensions)
+                self._origin = HierarchyOrigin(*at, self._c, self._g, tangent, self.with_tensions)
             return factors
 
     @property
@@ -170,7 +171,7 @@ class StepMatrix:
         multigrid = self.tangent.multigrid
         if multigrid is None or multigrid.hierarchy is None or self._origin is None:
             return None
-        return self._origin._replace(pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
+        return replace(self._origin, pace=multigrid.pace.first, slow=multigrid.pace.is_slow)
 
     def forget(self) -> None:
         """Remove the hierarchy of multigrid, so that the next matrix gets a new one.
@@ -193,7 +194,7 @@ class StepMatrix:
             return
         self.begin(origin.u0, origin.c, origin.g)
         self.with_tensions = origin.with_tensions
-        self._factorise(origin.w, self._motion.moment(origin.t), Tangent(origin.tangent))
+        self._factorise(origin.w, self._motion.moment(origin.t), origin.tangent)
         self.tangent.multigrid.pace = Pace(origin.pace, origin.slow)
 
     @property

@@ -5,11 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import StvkError, warn
+from ...mesh.displacements import by_vertex
+from ...system import System
+from ...terms.loads.load import Time
 from ..newton.newton import End
 from .integrators import Integrator, StepFailed
+from .ledger_rows import LedgerWriter
 from .motion import Motion
 from .record import ROUNDED, Clock, MotionState, RunRecord
 from .stable_step import StableStep
@@ -52,6 +57,21 @@ class Steps:
         """Prepare for a step from the state of the record."""
         self._return_to(self._record.history)
         self.stepper.start(self._record.state)
+
+    def remove(self, elements: NDArray[np.int64], writer: LedgerWriter | None) -> None:
+        """Remove elements from the body at the state of the record, and enter this state in the ledger again, if there is one."""
+        motion, record, state = self._motion, self._record, self._record.state
+        if writer is None:
+            motion.remove_elements(elements)
+        else:
+            writer.record_removal(state, lambda: motion.remove_elements(elements))
+        record.add_removed(elements, state.t)
+        record.history = motion.body.after_step(record.history)
+        state.v.reshape(-1, motion.system.mesh.d)[motion.system.bare] = 0
+        state.a[:] = 0
+        self.start()
+        if writer is not None:
+            writer.append_row(state, self.stepper.strain_energy(state))
 
     def refuse_far(self, until: float) -> None:
         """Raise StvkError if rounded times do not resolve the steps before the end `until` [s]."""
@@ -137,7 +157,7 @@ class Steps:
         motion.begin_step(history)
         try:
             self.stepper.step(state, t)
-            if before is not None and (name := system.passed_contact(before.u, state.u, motion.moment(state.t))):
+            if before is not None and (name := _passed_contact(system, before.u, state.u, motion.moment(state.t))):
                 state.copy_from(before)
                 raise StepFailed(f"{End.CONTACT.value}: {name!r}")
         except StepFailed:
@@ -149,3 +169,9 @@ class Steps:
         if before is not None:
             self.stepper.store_forces(before, state)
         self._arrived(state)
+
+
+def _passed_contact(system: System, u0: Array, u1: Array, t: Time) -> str:
+    """Return the name of a contact that is passed through from `u0` to `u1` over the step of `t`; "" if there is none."""
+    x0, x1 = (by_vertex(system.mesh, u) for u in (u0, u1))
+    return next((contact.name for contact in system.contacts_at(t) if contact.passes(x0, x1)), "")

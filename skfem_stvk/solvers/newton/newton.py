@@ -11,6 +11,7 @@ import numpy as np
 from ...arguments import Array
 from ...errors import StateError
 from ...linear import Outcome, Solution
+from ...npz import Count, Measured
 from ...terms.loads.load import Time
 from .line_search import length
 from .outcome import Status
@@ -72,12 +73,12 @@ class Iterations:
         Description of a failure, or a remark on the state.
     """
 
-    residuals: list[float] = field(default_factory=list)
-    lengths: list[float] = field(default_factory=list)
+    residuals: list[Measured] = field(default_factory=list)
+    lengths: list[Measured] = field(default_factory=list)
     tangents: list[str] = field(default_factory=list)
-    linear: list[int] = field(default_factory=list)
-    negative_pivots: int | None = None
-    restarted: int | None = None
+    linear: list[Count] = field(default_factory=list)
+    negative_pivots: Count | None = None
+    restarted: Count | None = None
     detail: str = ""
 
     def __len__(self) -> int:

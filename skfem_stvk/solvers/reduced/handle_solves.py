@@ -18,6 +18,7 @@ from ...arguments import Array
 from ...errors import StvkError, StvkWarning
 from ...linear import LinearSolver
 from ...mesh import MeshLike
+from ...npz import Numbers
 from ...system import System
 from ...terms.loads.load import Moment, Time
 from ..newton.outcome import finishing_steps, stop_if_requested
@@ -132,14 +133,15 @@ class HandleTask(NamedTuple):
     u0: Array | None
 
 
-class HandleState(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class HandleState:
     """Result of a displacement of the handle: `u` (ndofs,) [m], and the `force` (d,) on the handle [N].
 
     If there is no stable equilibrium, `message` says why; `warning` lists unreliable results.
     """
 
-    u: Array
-    force: Array
+    u: Numbers
+    force: Numbers
     message: str = ""
     warning: str = ""
 

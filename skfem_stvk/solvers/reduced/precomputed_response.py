@@ -199,7 +199,7 @@ class PrecomputedResponse:
         with ExitStack() as stack:
             store: PointsCheckpoint | None = None
             if folder is not None:
-                from .stores import PointsCheckpoint  # it imports pydantic, which only files need
+                from .stores import PointsCheckpoint
 
                 sizes, last = (body.ndofs, body.mesh.d), len(grid) + len(grid.cells) - 1
                 store = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
@@ -239,15 +239,23 @@ class PrecomputedResponse:
         StvkError
             as `results.write_vtu`.
         """
-        from .stores import TableFile
+        from .stores import SavedTable, TableFile
 
         path = output_path(path, ".npz")
-        arrays = {f"axis {c}": axis for c, axis in enumerate(self.axes)}
-        arrays |= {"nodes": self.nodes, "table": self._table, "basis": self._basis, "solved": self._solved}
-        arrays |= {"error points": self.error.points, "error force": self.error.force, "error u": self.error.u}
-        holes = {str(k): reason for k, reason in enumerate(self._hole_reasons) if reason}
-        about = {"holes": holes, "compression": self.compression, "unsolved": list(self.error.unsolved)}
-        TableFile.write_file(path, self._problem, about, arrays)
+        table = SavedTable(
+            axes=list(self.axes),
+            nodes=self.nodes,
+            table=self._table,
+            basis=self._basis,
+            solved=self._solved,
+            error_points=self.error.points,
+            error_force=self.error.force,
+            error_u=self.error.u,
+            holes={str(k): reason for k, reason in enumerate(self._hole_reasons) if reason},
+            compression=self.compression,
+            unsolved=list(self.error.unsolved),
+        )
+        TableFile.write_file(path, self._problem, table)
         return path
 
     @classmethod
@@ -267,22 +275,23 @@ class PrecomputedResponse:
             if the file is of a body with another mesh, other terms, supports or loads, if it cannot be read, or if its arrays
             are not those of a table.
         """
-        from .stores import TableFile, check_table, nodes_of
+        from .stores import TableFile, refusing_damage
 
         path = arguments.path("path", path, "the path of an .npz file that save() wrote")
         checked_whole(body, "PrecomputedResponse.load(path, body)", "body")
-        header, arrays = TableFile.read_file(path)
+        problem, saved = TableFile.read_file(path)
         self = cls.__new__(cls)
-        self._body, self.nodes = body, nodes_of(path, arrays)
-        self._problem = _fingerprint(body, header.problem.method, self.nodes)
-        self._problem.refuse_other(header.problem, path, "Load it with the body of which it was made, or compute it again.")
-        check_table(path, header, arrays, body.mesh.nv, body.mesh.d)
-        self._grid = DisplacementGrid(tuple(arrays[f"axis {c}"] for c in range(body.mesh.d)))
+        self._body, self.nodes = body, saved.nodes
+        self._problem = _fingerprint(body, problem.method, self.nodes)
+        self._problem.refuse_other(problem, path, "Load it with the body of which it was made, or compute it again.")
+        with refusing_damage(path, TableFile.remedy):
+            saved.check(body.mesh.nv, body.mesh.d)
+        self._grid = DisplacementGrid(tuple(saved.axes))
         self.axes = self._grid.axes
-        self._table, self._basis, self._solved = arrays["table"], arrays["basis"], arrays["solved"]
-        self._hole_reasons = [header.holes.get(str(k), "") for k in range(self._solved.size)]
-        self.compression = header.compression
-        self.error = BetweenPoints(arrays["error points"], arrays["error force"], arrays["error u"], tuple(header.unsolved))
+        self._table, self._basis, self._solved = saved.table, saved.basis, saved.solved
+        self._hole_reasons = [saved.holes.get(str(k), "") for k in range(self._solved.size)]
+        self.compression = saved.compression
+        self.error = BetweenPoints(saved.error_points, saved.error_force, saved.error_u, tuple(saved.unsolved))
         self._set_supports()
         return self
 

@@ -180,7 +180,7 @@ class ReducedSystem:
             if the path is not writable; for text, if a term or a load needs the mesh in each step, or a name of a location does not
             fit into one line of 127 bytes.
         """
-        from .stores import ReducedFile  # pydantic is imported only where there are files
+        from .stores import ReducedFile, SavedReduced
 
         file = path_of("path", path, "the path of an .npz or .txt file")
         if file.suffix == ".txt":
@@ -189,8 +189,8 @@ class ReducedSystem:
         file = npz("path", path)
         if self.sampling:
             raise StvkError("Sampled elements are not stored in files; expected a body without them. Leave sampled out.")
-        arrays = {"basis": self.basis, "lifts": self.lifts, "T": self.in_coordinates.coefficients}
-        ReducedFile.write_file(file, _fingerprint(self.body, self.masses), {}, arrays)
+        saved = SavedReduced(self.basis, self.lifts, self.in_coordinates.coefficients)
+        ReducedFile.write_file(file, _fingerprint(self.body, self.masses), saved)
         return file
 
     @classmethod
@@ -220,17 +220,19 @@ class ReducedSystem:
         >>> bool(again.energy(np.ones(4)) == reduced.energy(np.ones(4)))
         True
         """
-        from ...results.store import expect, refusing_damage
+        from ..runs.archive import refusing_damage
         from .stores import ReducedFile
 
         checked_whole(body, "ReducedSystem.load(path, body)", "body")
         file, masses = npz("path", path), masses_of(body)
-        header, arrays = ReducedFile.read_file(file)
-        _fingerprint(body, masses).refuse_other(header.problem, file, ReducedFile.remedy)
+        problem, saved = ReducedFile.read_file(file)
+        _fingerprint(body, masses).refuse_other(problem, file, ReducedFile.remedy)
         with refusing_damage(file, ReducedFile.remedy):
-            V, Phi = (expect(arrays, name, (body.ndofs, None)) for name in ("basis", "lifts"))
+            V, Phi, T = saved.basis, saved.lifts, saved.T
             n = V.shape[1] + Phi.shape[1] + 1
-            quartic = ReducedQuartic(n, expect(arrays, "T", (coefficients(n),)))
+            if (len(V), len(Phi), len(T)) != (body.ndofs, body.ndofs, coefficients(n)):
+                raise ValueError(f"its arrays are of {len(V)} degrees of freedom; expected {body.ndofs}")
+            quartic = ReducedQuartic(n, T)
         if not orthonormality_error(masses, V) < 1e-11:
             raise StvkError(f"{file} holds a basis that is not orthonormal by the masses of the body. {ReducedFile.remedy}")
         made: ReducedSystem = cls.__new__(cls)

@@ -2,48 +2,54 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
-from pydantic import NonNegativeFloat, NonNegativeInt
 
 from ...arguments import Array
+from ...npz import Count, Ids, Numbers, Stored, Within
 from ...results.complete_files import output_folder
-from ...results.store import FolderStore, Header, Store, expect, refusing_damage
 from ...system.signature import Fingerprint
+from ..runs.archive import STRICT, FolderStore, Store, refusing_damage
 from .handle_solves import HandleState
 
+Matrix: TypeAlias = Annotated[Array, Stored(2)]
 
-class ReducedFile(Store[Header]):
-    """File of a reduced system: its fields and coefficients."""
 
-    known = "reduced body of skfem-stvk", 1
-    schema = Header
+@dataclass(frozen=True)
+class SavedReduced:
+    """Record of a reduced system: its fields and coefficients."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+
+    basis: Matrix
+    lifts: Matrix
+    T: Numbers
+
+
+class ReducedFile(Store[SavedReduced]):
+    """File of a reduced system."""
+
+    known, schema = ("reduced body of skfem-stvk", 1), SavedReduced
     remedy = "Reduce the body again: ReducedSystem(body, ...)."
 
 
-class PointHeader(Header):
-    """Header of the file of one point: its number, and the messages of its `HandleState`."""
+@dataclass(frozen=True)
+class SavedPoint:
+    """Record of one point of a grid, by its number."""
 
-    number: NonNegativeInt
-    message: str
-    warning: str
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
 
-
-class TableHeader(Header):
-    """Header of the file of a table: all data except the arrays."""
-
-    holes: dict[str, str]
-    compression: NonNegativeFloat
-    unsolved: list[str]
+    number: Count
+    state: HandleState
 
 
-class PointsCheckpoint(FolderStore[PointHeader]):
+class PointsCheckpoint(FolderStore[SavedPoint]):
     """Folder with a file for each solve of a grid: its states, `stored` by number, are not solved again."""
 
-    known, name = ("point of a precomputed response of skfem-stvk", 1), "point_{:06d}.npz"
-    schema = PointHeader
+    known, name, schema = ("point of a precomputed response of skfem-stvk", 1), "point_{:06d}.npz", SavedPoint
     remedy = "Remove it, so that its point is solved again."
 
     def __init__(self, folder: Path, problem: Fingerprint, size: tuple[int, int], last: int) -> None:
@@ -53,47 +59,62 @@ class PointsCheckpoint(FolderStore[PointHeader]):
 
     def opened(self) -> None:
         for file in self.existing():
-            header, arrays = self.read_own(file, "Name another folder, or remove its files.")
+            saved = self.read_own(file, "Name another folder, or remove its files.")
             with refusing_damage(file, self.remedy):
-                if header.number > self._last or file != self.numbered(header.number):
-                    raise ValueError(f"its number is {header.number}; expected that of its name, at most {self._last}")
-                u, force = (expect(arrays, name, (n,)) for name, n in zip(("u", "force"), self._size, strict=True))
-            self.stored[header.number] = HandleState(u, force, header.message, header.warning)
+                if saved.number > self._last or file != self.numbered(saved.number):
+                    raise ValueError(f"its number is {saved.number}; expected that of its name, at most {self._last}")
+                if (saved.state.u.size, saved.state.force.size) != self._size:
+                    raise ValueError(f"its state has {saved.state.u.size} displacements; expected {self._size[0]}")
+            self.stored[saved.number] = saved.state
 
     def add(self, number: int, state: HandleState) -> None:
         """Write a state."""
-        about = {"number": number, "message": state.message, "warning": state.warning}
-        self.write_file(self.numbered(number), self.problem, about, {"u": state.u, "force": state.force})
+        self.write(self.numbered(number), SavedPoint(number, state))
 
 
-class TableFile(Store[TableHeader]):
-    """File of the table of a response."""
+@dataclass(frozen=True)
+class SavedTable:
+    """Record of the table of a response."""
 
-    known = "precomputed response of skfem-stvk", 1
-    schema = TableHeader
-    remedy = "Compute it again."
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
 
+    axes: list[Numbers]
+    nodes: Ids
+    table: Annotated[Array, Stored(None)]
+    basis: Annotated[Array, Stored(2, (np.float32, np.float64))]
+    solved: Annotated[Array, Stored(None, (np.bool_,))]
+    error_points: Matrix
+    error_force: Numbers
+    error_u: Numbers
+    holes: dict[str, str]
+    compression: Annotated[float, Within(0.0)]
+    unsolved: list[str]
 
-def nodes_of(path: Path, arrays: dict[str, Array]) -> NDArray[np.int64]:
-    """Return the nodes of the handle of a table."""
-    with refusing_damage(path, TableFile.remedy):
-        return expect(arrays, "nodes", (None,), (np.int64,))
-
-
-def check_table(path: Path, header: TableHeader, arrays: dict[str, Array], nv: int, d: int) -> None:
-    """Refuse a file whose arrays cannot be those of a table on a mesh with `nv` nodes in `d` dimensions."""
-    with refusing_damage(path, TableFile.remedy):
-        nodes = arrays["nodes"]
+    def check(self, nv: int, d: int) -> None:
+        """Raise ValueError if this cannot be a table on a mesh with `nv` nodes in `d` dimensions."""
+        nodes, shape = self.nodes, tuple(map(len, self.axes))
         if len(nodes) == 0 or len(np.unique(nodes)) < len(nodes) or nodes.min() < 0 or nodes.max() >= nv:
             raise ValueError(f"the array 'nodes' does not hold different numbers of nodes from 0 to {nv - 1}")
-        axes = [expect(arrays, f"axis {c}", (None,)) for c in range(d)]
-        if any(len(axis) == 0 or (np.diff(axis) <= 0).any() for axis in axes):
+        if len(shape) != d or any(len(axis) == 0 or (np.diff(axis) <= 0).any() for axis in self.axes):
             raise ValueError("the displacements of an axis are not ascending")
-        rank = expect(arrays, "basis", (nv * d, None), (np.float32, np.float64)).shape[1]
-        shape, count = tuple(map(len, axes)), len(expect(arrays, "error points", (None, d)))
-        expect(arrays, "table", (*shape, d + rank))
-        for name in ("error force", "error u"):
-            expect(arrays, name, (count,))
-        holes = np.flatnonzero(~expect(arrays, "solved", shape, (np.bool_,)))
-        if header.holes.keys() != set(map(str, holes)) or not all(header.holes.values()):
+        count = len(self.error_points)
+        expected = {
+            "table": (*shape, d + self.basis.shape[1]),
+            "basis": (nv * d, self.basis.shape[1]),
+            "solved": shape,
+            "error_points": (count, d),
+            "error_force": (count,),
+            "error_u": (count,),
+        }
+        for name, size in expected.items():
+            if (got := getattr(self, name).shape) != size:
+                raise ValueError(f"the array '{name}' has shape {got}; expected {size}")
+        if self.holes.keys() != set(map(str, np.flatnonzero(~self.solved))) or not all(self.holes.values()):
             raise ValueError("the holes in its header are not those of the array 'solved'")
+
+
+class TableFile(Store[SavedTable]):
+    """File of the table of a response."""
+
+    known, schema = ("precomputed response of skfem-stvk", 1), SavedTable
+    remedy = "Compute it again."

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from ...arguments import Array
+from ...npz import Count
 from ..newton.newton import End, Iterations
-from .continuation import SMALLEST, Continuation, ContinuationOptions
+from .continuation import SMALLEST, Continuation, ContinuationOptions, ContinuationState
 from .critical import CriticalPoint, Point, find, turning_point
 from .equilibrium import Equilibrium
 from .history import Attempt, Step
@@ -32,6 +34,16 @@ LARGEST_RATIO, TINY = 100.0, 1e-15
 BEYOND = 1e-6
 
 
+@dataclass(frozen=True)
+class ArcLengthState(ContinuationState):
+    """Data from which a path by arc length resumes."""
+
+    turns: Count  # number of limit points so far
+    states: Count  # number of states so far
+    rate: float  # rate of the load factor along the path; 0 before the first step
+    goal: list[list[float]]  # numbers that identify the stop
+
+
 class ArcLength(Continuation):
     """Arc-length continuation. The length `s` is measured in displacements, and `t` is an unknown like them.
 
@@ -52,20 +64,20 @@ class ArcLength(Continuation):
         self._limit_points = self._states = 0
         self._initial = self.u
 
-    def saved(self) -> dict[str, Any]:
+    def saved(self) -> ArcLengthState:
         rate = 0.0 if self._tangent is None else self._tangent.rate
-        return super().saved() | {"turns": self._limit_points, "states": self._states, "rate": rate, "goal": self._stop.saved()}
+        return ArcLengthState(*self._state, self._limit_points, self._states, rate, self._stop.saved())
 
-    def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
+    def resume(self, steps: list[Step], saved: ArcLengthState) -> None:
         start = self.u, self.t
         super().resume(steps, saved)
-        self._limit_points, self._states = saved["turns"], saved["states"]
-        if saved["goal"] != self._stop.saved():
+        self._limit_points, self._states = saved.turns, saved.states
+        if saved.goal != self._stop.saved():
             self._stop.refuse_passed(*start, steps)
             self.reached = self._stop.is_count_reached(self._limit_points, self._states)
         found = path_tangent(self.problem, self.u, self.t)
-        if saved["rate"] and isinstance(found, PathTangent):
-            self._tangent = found if found.rate * saved["rate"] > 0 else found.reversed()
+        if saved.rate and isinstance(found, PathTangent):
+            self._tangent = found if found.rate * saved.rate > 0 else found.reversed()
 
     def _begin(self) -> Step | Attempt | None:
         outcome = super()._begin()

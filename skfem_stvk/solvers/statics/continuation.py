@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from ...arguments import Array
 from ...mesh.displacements import by_vertex
+from ...npz import Within
 from ...results.monitors import Monitors
 from ...results.penetration import contact_findings_at
 from ..newton.eigen import lowest_mode
@@ -34,6 +35,16 @@ class ContinuationOptions:
     monitors: Monitors  # checks of each state
     stability: bool  # compute the lowest eigenvalue where the solver does not count negative ones
     iterating: Callable[[float, Iterations], None]  # called at the beginning of each iteration
+
+
+@dataclass(frozen=True)
+class ContinuationState:
+    """Data from which a later run resumes, in addition to its states."""
+
+    size: Annotated[float, Within(0.0)]  # the next step, in the measure of the method
+    first: Annotated[float, Within(0.0)]  # the first step
+    reached: bool  # whether the requested end is reached
+    largest: Annotated[float, Within(0.0)]  # the largest reference force so far
 
 
 class Continuation(ABC):
@@ -120,15 +131,20 @@ class Continuation(ABC):
     def _advance(self) -> Step | Attempt | None:
         """Return the next state, or a failed attempt, which changes no state; None if there is nothing left to try."""
 
-    def saved(self) -> dict[str, Any]:
-        """Return the data from which a later run resumes, in addition to its states."""
-        return {"size": self._size, "first": self._first, "reached": self.reached, "largest": self.problem.largest}
+    @property
+    def _state(self) -> tuple[float, float, bool, float]:
+        """Values of a `ContinuationState`."""
+        return self._size, self._first, self.reached, self.problem.largest
 
-    def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
-        """Resume from the states and the saved data of an earlier run."""
+    @abstractmethod
+    def saved(self) -> ContinuationState:
+        """Return the data from which a later run resumes, in addition to its states."""
+
+    def resume(self, steps: list[Step], saved: Any) -> None:
+        """Resume from the states and the saved data of an earlier run with the same method."""
         last, t0 = steps[-1], self.t
-        self._size, self._first, self.problem.largest = saved["size"], saved["first"], saved["largest"]
-        self.reached, self.t, self.u = saved["reached"], last.t, last.u
+        self._size, self._first, self.problem.largest = saved.size, saved.first, saved.largest
+        self.reached, self.t, self.u = saved.reached, last.t, last.u
         self._allowed = len(self.problem.inside_out(self.u))
         self._point = Point(self.u, last.t, last.negative, last.lowest)
         if len(steps) == 1 and last.t == t0:

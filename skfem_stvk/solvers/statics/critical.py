@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Literal
 
 import numpy as np
 
 from ...arguments import Array
+from ...npz import Vector
 from ..newton.eigen import lowest_mode, nearest_mode
 from .equilibrium import Equilibrium
 from .predictor_corrector import Hyperplane, correct, path_tangent
 
-LIMIT_POINT, BIFURCATION = "limit point", "bifurcation"
+LIMIT_POINT: Literal["limit point"] = "limit point"
+BIFURCATION: Literal["bifurcation"] = "bifurcation"
 #: Relative precision of the location of a critical point on its step; factor by which residuals there are smaller than elsewhere.
 TOLERANCE, TIGHTER = 1e-10, 1e-3
 #: A test value below this fraction of its values at the ends of the step is zero. On large meshes round-off is not far below.
@@ -56,10 +59,10 @@ class CriticalPoint:
         path. The interpolation uses the zero of the lowest eigenvalue, where that is known.
     """
 
-    kind: str
+    kind: Literal["limit point", "bifurcation"]
     t: float
-    u: Array
-    mode: Array
+    u: Vector
+    mode: Vector
     resolved: bool
 
     def __str__(self) -> str:
@@ -119,7 +122,7 @@ def turning_point(problem: Equilibrium, before: Point, after: Point, rtol: float
         return None
 
 
-def _point(kind: str, chord: _Chord, f: float | None, without: Sequence[Array]) -> CriticalPoint:
+def _point(kind: Literal["limit point", "bifurcation"], chord: _Chord, f: float | None, without: Sequence[Array]) -> CriticalPoint:
     """Return the critical point at the fraction `f` of the step; its mode is orthogonal to the modes `without` of the others."""
     if f is None:
         return _unresolved(kind, chord.before, chord.after, 0.5, chord.direction)
@@ -130,7 +133,9 @@ def _point(kind: str, chord: _Chord, f: float | None, without: Sequence[Array]) 
     return CriticalPoint(kind, t, u, _scaled(chord.direction if mode is None else mode), mode is not None)
 
 
-def _unresolved(kind: str, before: Point, after: Point, part: float, mode: Array) -> CriticalPoint:
+def _unresolved(
+    kind: Literal["limit point", "bifurcation"], before: Point, after: Point, part: float, mode: Array
+) -> CriticalPoint:
     t, u = before.t + part * (after.t - before.t), before.u + part * (after.u - before.u)
     return CriticalPoint(kind, t, u, _scaled(mode), False)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import overload
+from typing import Annotated, overload
 
 import numpy as np
 
 from ...arguments import Array
+from ...npz import Measured, Vector, Within
 from ...results.monitors import Finding
 from ..newton.newton import End, Iterations
 from ..newton.outcome import Status
@@ -56,18 +57,18 @@ class Step:
     """
 
     t: float
-    u: Array
+    u: Vector
     status: Status
     end: End
     iterations: Iterations
-    strain_energy: float
-    potential: float
-    smallest_volume_ratio: float
+    strain_energy: Measured
+    potential: Measured
+    smallest_volume_ratio: Measured
     lowest: float | None
-    jump: float | None
+    jump: Annotated[float, Within(0.0, finite=False)] | None
     findings: tuple[Finding, ...]
     critical: tuple[CriticalPoint, ...]
-    seconds: float
+    seconds: Annotated[float, Within(0.0)]
 
     @property
     def negative(self) -> int | None:

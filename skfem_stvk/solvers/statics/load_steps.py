@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ClassVar, NamedTuple
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -13,7 +14,7 @@ from ..newton.eigen import lowest_mode
 from ..newton.newton import MOST_FULL, End, Iterations, NewtonOptions, newton, usable
 from ..newton.problem import Tangent
 from ..newton.stability import stability_of
-from .continuation import SMALLEST, Continuation, ContinuationOptions
+from .continuation import SMALLEST, Continuation, ContinuationOptions, ContinuationState
 from .equilibrium import Equilibrium
 from .history import JUMPED, Attempt, Step
 
@@ -37,6 +38,14 @@ SETTLED = (
 MOST_HALVINGS, MOST_SOLVES = 6, 16
 
 
+@dataclass(frozen=True)
+class LoadStepsState(ContinuationState):
+    """Data from which load steps resume."""
+
+    straight: bool  # whether the next step starts from an extrapolation
+    full_first: bool  # whether it tries full steps of Newton's method first
+
+
 class LoadSteps(Continuation):
     """Continuation in load steps up to t = 1, with the first step `first`.
 
@@ -52,15 +61,15 @@ class LoadSteps(Continuation):
         self._previous: tuple[float, Array] | None = None
         self._full_first = True
 
-    def saved(self) -> dict[str, Any]:
-        return super().saved() | {"straight": self._previous is not None, "full_first": self._full_first}
+    def saved(self) -> LoadStepsState:
+        return LoadStepsState(*self._state, self._previous is not None, self._full_first)
 
-    def resume(self, steps: list[Step], saved: dict[str, Any]) -> None:
+    def resume(self, steps: list[Step], saved: LoadStepsState) -> None:
         start = self.t, self.u
         super().resume(steps, saved)
-        self._full_first = saved["full_first"]
+        self._full_first = saved.full_first
         before = (steps[-2].t, steps[-2].u) if len(steps) > 1 else start
-        self._previous = before if saved["straight"] else None
+        self._previous = before if saved.straight else None
 
     def _advance(self) -> Step | Attempt | None:
         if self._size < SMALLEST * self._first:

@@ -2,66 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from functools import partial
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any
 
 from rich.progress import BarColumn, TimeElapsedColumn
 
-from ...results import Fields, Series
-from ...results.complete_files import OutputFiles
-from ...results.contact_forces import contact_states
 from ...space import Space
 from ...system import System
 from ...system.signature import Fingerprint
 from ...terminal import Progress
 from ...terms.loads.load import Moment
 from ..newton.newton import Iterations
+from ..runs.outputs import OutputFiles, StateSeries
 from .history import Attempt, Step
-
-if TYPE_CHECKING:
-    from .path_checkpoint import PathCheckpoint
-
-Write: TypeAlias = Callable[[float, Step, Moment], object]
+from .path_checkpoint import PathCheckpoint
 
 #: Load factors at which loads and prescribed displacements are evaluated to identify a problem.
 MOMENTS = 0.5, 1.0
 
 
-@contextmanager
-def opened(
-    output_files: OutputFiles, system: System, options: dict[str, Any], start: Mapping[str, Sequence[float]]
-) -> Iterator[tuple[Write, PathCheckpoint | None]]:
-    """Yield a function that writes a state to the series, and the checkpoint; each only if requested.
+class PathOutputs:
+    """Series and checkpoint of a path, each only if requested, and locked against other writers until the end of `stack`."""
 
-    Both are locked against other writers.
-    """
-    with ExitStack() as stack:
-        write, checkpoint = _nothing, None
-        if output_files.save is not None or output_files.checkpoint is not None:
-            problem = Fingerprint("path of equilibria", system, options, MOMENTS, start)
-        if output_files.checkpoint is not None:
-            from .path_checkpoint import PathCheckpoint  # imports pydantic, needed only for checkpoints
+    def __init__(
+        self, files: OutputFiles, system: System, method: dict[str, Any], start: Mapping[str, Sequence[float]], stack: ExitStack
+    ) -> None:
+        problem = Fingerprint("path of equilibria", system, method, MOMENTS, start)
+        self._system, self.checkpoint, self._series = system, None, None
+        if files.checkpoint is not None:
+            self.checkpoint = stack.enter_context(PathCheckpoint(files.checkpoint, system, problem, files))
+        if files.save is not None:
+            self._series = stack.enter_context(StateSeries(files.save, system, problem, files))
 
-            checkpoint = stack.enter_context(PathCheckpoint(output_files.checkpoint, system, problem, output_files))
-        if output_files.save is not None:
-            series = stack.enter_context(
-                Series(
-                    output_files.save, output_files.fields, problem=problem, overwrite=output_files.overwrite, space=system.space
-                )
-            )
-            write = partial(_add, series, Fields.of(system), system)
-        yield write, checkpoint
-
-
-def _add(series: Series, fields: Fields, system: System, t: float, step: Step, moment: Moment) -> None:
-    series.add(fields.at(step.u, contacts=contact_states(system, step.u, moment)), t)
-
-
-def _nothing(t: float, step: Step, moment: Moment) -> None:
-    """Write nothing, because no series was requested."""
+    def save(self, t: float, step: Step, moment: Moment) -> None:
+        """Write a state at a moment of its step to the series, as that of `t`."""
+        if self._series is not None:
+            self._series.add_state(t, self._system, step.u, moment)
 
 
 class PathProgress(Progress):

@@ -5,33 +5,28 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ... import arguments
 from ...arguments import Array
 from ...errors import AnalysisError, StvkError
-from ...mesh.locations import Where
-from ...results import Fields, Reaction, State, plot, write_vtu
-from ...results.contact_forces import ContactState, contact_state, contact_states
-from ...results.plotting import thumbnail
-from ...results.reactions import ReactionPlace, ground_forces_at_rest
+from ...results.contact_forces import contact_states
+from ...results.reactions import ground_forces_at_rest
 from ...results.series import save_series
 from ...results.vtu import DEFAULT
 from ...system import System
-from ...terminal import html_table
 from ...terms.loads.load import Moment, StepStart
 from ..newton.outcome import Status, with_remedy
+from ..runs.result import RunResult
 from .critical import CriticalPoint
 from .history import History, Step
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class StaticResult:
+class StaticResult(RunResult):
     """State of equilibrium with the path to it and its outcome.
 
     Attributes
@@ -78,13 +73,11 @@ class StaticResult:
     step: StepStart | None = None
 
     @property
-    def _moment(self) -> Moment:
-        return Moment(self.t, self.t, step=self.step)
+    def _end(self) -> tuple[Moment, None, None]:
+        return Moment(self.t, self.t, step=self.step), None, None
 
-    @property
-    def success(self) -> bool:
-        """Whether the body carries the full load without inverted elements, in a state that is stable as far as known."""
-        return self.status.success
+    def _ground_forces(self) -> Array:
+        return ground_forces_at_rest(self.system, self.u, self.t, self.projected)
 
     @property
     def critical_points(self) -> tuple[CriticalPoint, ...]:
@@ -95,53 +88,6 @@ class StaticResult:
     def jumps(self) -> tuple[Step, ...]:
         """States before which the body snapped or buckled, far from the extrapolation of the states before; see `Step.jump`."""
         return self.history.jumps
-
-    def reaction(self, where: Where | None = None) -> Reaction:
-        """Return the force of the ground on the body at a location: `.resultant` [N], `.moment(about)` [N m], `.by_node`.
-
-        The force is that of supports and foundations. The sum of all reactions and loads is zero.
-
-        Parameters
-        ----------
-        where
-            Boundary, node set, vertex ids or a predicate; None for the whole body. The location of a support, as passed to `fixed`
-            or `prescribed`, has the components that this support constrains. If k supports constrain a component at a node, each
-            has 1/k of the force. Any other location has all constrained components at its nodes.
-
-        Raises
-        ------
-        RegionError
-            if there is no such location.
-        SupportError
-            if no support or foundation acts there.
-        """
-        place = ReactionPlace.of(self.system, where)
-        return place.reaction(self.system, self.u, ground_forces_at_rest(self.system, self.u, self.t, self.projected))
-
-    def contact(self, name: str) -> ContactState:
-        """Return the forces of a contact on the body: `.resultant` [N], `.pressure` [Pa], `.gap` [m] and `.force` by node.
-
-        Parameters
-        ----------
-        name
-            Name of the contact, as in `RigidContact(..., name="floor")`.
-
-        Raises
-        ------
-        ContactError
-            if there is no such contact.
-        """
-        return contact_state(self.system, name, self.u, self._moment)
-
-    @cached_property
-    def contacts(self) -> tuple[ContactState, ...]:
-        """States of all contacts, as `contact` returns them."""
-        return contact_states(self.system, self.u, self._moment)
-
-    @cached_property
-    def state(self) -> State:
-        """All fields, see `skfem_stvk.results.names()`: `state["green_strain"]` by element, `state.at_nodes("volume_ratio")`."""
-        return Fields.of(self.system).at(self.u, contacts=self.contacts)
 
     def stress(self, measure: str = "cauchy", at: str = "elements") -> Array:
         """Return the stress [Pa] of a measure, (nt, 3, 3) or (nt,).
@@ -185,7 +131,7 @@ class StaticResult:
             as `results.write_vtu`.
         """
         if arguments.path("path", path, "the path of a .vtu or of a .pvd file").suffix != ".pvd":
-            return write_vtu(path, self.state, fields)
+            return super().save(path, fields)
         if not len(self.history):
             raise StvkError(f"There is no state to write to {path}: none was found.")
         if self.system.space.comm.divided:
@@ -201,36 +147,14 @@ class StaticResult:
         states = (at(step.u, contacts=known) for step, known in zip(self.history, contacts, strict=True))
         return save_series(path, fields, zip(map(float, times), states, strict=True))
 
-    def plot(self, field: str | ArrayLike = "von_mises_stress", **options: Any) -> Any:
-        """Draw the deformed body, coloured by a field.
-
-        Parameters
-        ----------
-        field
-            Name of a field, or values (nv,) at nodes or (nt,) of elements.
-        **options
-            Options of `results.plot`.
-        """
-        return plot(self.state, field, **options)
-
-    def _repr_html_(self) -> str:
-        rows = [
-            ("status", self.status),
-            ("message", self.message),
-            ("load factor", f"{self.t:.6g}"),
-            ("states", len(self.history)),
-            ("Newton iterations", self.history.iterations),
-            ("solver", self.solver),
-            *((f"seconds, {name}", f"{seconds:.2g}") for name, seconds in self.seconds.items()),
-        ]
-        return html_table("StaticResult", rows, thumbnail(self.system, lambda: self.state))
+    def _rows(self) -> list[tuple[str, Any]]:
+        history = self.history
+        counts = [("states", len(history)), ("Newton iterations", history.iterations)]
+        return [("load factor", f"{self.t:.6g}"), *counts, ("solver", self.solver)]
 
     def __repr__(self) -> str:
-        parts = ", ".join(f"{name} {seconds:.2g} s" for name, seconds in self.seconds.items())
-        return (
-            f"StaticResult: {self.message}\n{len(self.history)} states, {self.history.iterations} Newton iterations, solver "
-            f"'{self.solver}'; {parts}"
-        )
+        counts = f"{len(self.history)} states, {self.history.iterations} Newton iterations"
+        return self._summary(f"{counts}, solver '{self.solver}'")
 
 
 class SolveError(AnalysisError):

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,6 @@ from ...errors import LoadError, StvkError, warn
 from ...linear import LinearSolver
 from ...linear.choose import header_text, is_auto
 from ...mesh.displacements import by_vertex
-from ...results.complete_files import OutputFiles
 from ...results.monitors import Monitors
 from ...results.penetration import short_on_path
 from ...system import System
@@ -28,18 +28,16 @@ from ...units import remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..newton.stability import Verdict, stability_of
 from ..newton.stopwatch import Stopwatch
+from ..runs.outputs import OutputFiles
 from .arc_length import ArcLength
 from .continuation import Continuation, ContinuationOptions
 from .equilibrium import Equilibrium
 from .history import Attempt, History, Step
 from .load_steps import LoadSteps
 from .message import Ending, branch_end, reason
-from .path_outputs import PathProgress, Write, opened
+from .path_outputs import PathOutputs, PathProgress
 from .result import SolveError, StaticResult
 from .stop import Stop, StopCriterion
-
-if TYPE_CHECKING:
-    from .path_checkpoint import PathCheckpoint
 
 METHODS = (LoadSteps.name, ArcLength.name)
 
@@ -250,7 +248,8 @@ def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
     start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
     system.elastic_energies(start, t0)  # raises an error on overflow
     with system.units.of_errors():
-        system.refuse_start(start, t0)
+        for contact in system.contacts_at(t0):
+            contact.refuse_start(start.reshape(-1, system.mesh.d))
     system.check_held(start, t0)
     return start
 
@@ -275,8 +274,9 @@ class _Solve:
         header = f"{body!r}, {problem.space.count} of them free; {solver}{parts_line(self._system.mesh)}{remarks(self._system)}"
         start = {"u0": sums_of(self._start, space)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
         signed = AUTO if problem.space.comm.divided and is_auto(options.solver) else self._requested_solver
-        files = opened(options.output_files, self._system, options.signature(signed), start)
-        with files as (write, checkpoint), PathProgress(header, options.quiet, space) as report:
+        with ExitStack() as stack:
+            outputs = PathOutputs(options.output_files, self._system, options.signature(signed), start, stack)
+            report = stack.enter_context(PathProgress(header, options.quiet, space))
             monitors = Monitors(self._system)
             for finding in monitors.before():
                 warn(finding.text)
@@ -284,10 +284,10 @@ class _Solve:
                 1 / int(options.steps), float(options.rtol), monitors, options.stability, report.iterating
             )
             continuation = self._continuation(problem, path_options)
-            if checkpoint is not None and checkpoint.steps:
-                continuation.resume(checkpoint.steps, checkpoint.saved)
+            if outputs.checkpoint is not None and outputs.checkpoint.steps:
+                continuation.resume(outputs.checkpoint.steps, outputs.checkpoint.saved)
             try:
-                self._follow(continuation, write, checkpoint, report)
+                self._follow(continuation, outputs, report)
                 self._judge(problem, continuation)
             except (KeyboardInterrupt, Exception) as error:  # for example a full disk, a load's function: keep the states so far
                 raise_if_divided(space.comm, error)
@@ -312,28 +312,29 @@ class _Solve:
             problem, start, t0, path_options, StopCriterion(options.stop or Stop(load=1.0), self._system, problem.states)
         )
 
-    def _follow(self, continuation: Continuation, write: Write, checkpoint: PathCheckpoint | None, report: PathProgress) -> None:
+    def _follow(self, continuation: Continuation, outputs: PathOutputs, report: PathProgress) -> None:
         """Record the states of the checkpoint and the states that follow."""
+        checkpoint = outputs.checkpoint
         found = [] if checkpoint is None else checkpoint.steps
         if checkpoint is not None and found:
             report.resumed(checkpoint.folder, len(found))
         for step, history in zip(found, [] if checkpoint is None else checkpoint.histories, strict=True):
             self._problem.begin_step(history)
-            self._note(step, write, report)
+            self._note(step, outputs, report)
         for outcome in continuation.states(resumed=bool(found)):
-            self._note(outcome, write, report)
+            self._note(outcome, outputs, report)
             if isinstance(outcome, Step) and checkpoint is not None:
                 checkpoint.add(outcome, continuation.saved())
                 continuation.problem.forget()
             if not continuation.reached:
                 stop_if_requested(self._system.space.comm)
 
-    def _note(self, outcome: Step | Attempt, write: Write, report: PathProgress) -> None:
+    def _note(self, outcome: Step | Attempt, outputs: PathOutputs, report: PathProgress) -> None:
         self._history.append(outcome)
         report.line(outcome)
         if isinstance(outcome, Step):
             t = len(self._history) if self._options.arc_length else outcome.t
-            write(t, outcome, self._problem.moment(outcome.t))
+            outputs.save(t, outcome, self._problem.moment(outcome.t))
 
     def _judge(self, problem: Equilibrium, continuation: Continuation) -> None:
         """Check the stability of the last state; if the path stopped early, check whether its branch ends there."""

@@ -11,11 +11,11 @@ from bodies import turned_round
 
 from skfem_stvk import ElementMesh, Gravity, NodalLoad, StVK, System, Traction, simulate
 from skfem_stvk.solvers.dynamics import EdgeDamping, Rayleigh, Status
-from skfem_stvk.solvers.dynamics.ledger import Ledger
 from skfem_stvk.solvers.dynamics.ledger_rows import LedgerLocations, column_names
 from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.options import Setup
-from skfem_stvk.solvers.dynamics.record import Clock, MotionState, RunRecord
+from skfem_stvk.solvers.dynamics.record import MotionState, RunRecord
+from skfem_stvk.solvers.runs.ledger import Ledger
 
 BOTH = [Rayleigh(alpha=0.8, beta=4e-3), EdgeDamping(3e-3)]
 
@@ -149,5 +149,5 @@ def begun(system, integrator, v0):
     motion = Motion(system, "lumped", None)
     state = MotionState.at(0.0, np.zeros(system.ndofs), v0)
     state.v[motion.free.fixed] = 0
-    record = RunRecord(state, Clock(0.0, 0.0), Ledger(column_names(system)))
+    record = RunRecord.at(state, Ledger(column_names(system)), system)
     return Setup(motion, integrator, LedgerLocations(), 1.0), record

@@ -50,6 +50,7 @@ def of_one(system, e):
     return 2 / np.sqrt(np.linalg.eigvalsh(K / np.sqrt(np.outer(m, m)))[-1])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_each_step_follows_from_the_own_stiffness_and_the_masses_of_the_body(name):
     system = body(name)
@@ -64,6 +65,7 @@ def test_steps_use_the_quadrature_of_the_system(quadrature):
     assert critical_elements(system).every[5] == pytest.approx(of_one(system, 5), rel=1e-9)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_step_of_the_body_does_not_exceed_that_of_an_element(name):
     system = body(name, fixed={tuple(range(0, BODIES[name].nv, 4)): "x"})

@@ -76,6 +76,7 @@ def largest(K, m):
     return np.linalg.eigvalsh(K / np.sqrt(np.outer(m, m)))[-1]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("amount", AMOUNTS)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_the_step_is_that_of_the_largest_eigenvalue(name, amount):
@@ -115,6 +116,7 @@ DAMPINGS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("damping", DAMPINGS)
 @pytest.mark.parametrize("amount", AMOUNTS)
 @pytest.mark.parametrize("name", ["tetrahedra, held", slow("triangles, free"), slow("anisotropic"), "cable, free"])
@@ -155,6 +157,7 @@ def force(system, alpha=0.0, beta=0.0, tau=0.0):
     return lambda u, v: -system.internal_force(u) - alpha * system.mass().multiply(v) - (beta * K0 + tau * KGN) @ v
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("damping", [None, *DAMPINGS])
 @pytest.mark.parametrize("name", ["tetrahedra, held", slow("triangles, free"), "cable, free"])
 def test_instability_is_observed_within_two_percent(name, damping):
@@ -274,6 +277,7 @@ def test_edge_damping_makes_the_step_smaller_by_the_damped_terms_alone(name, ord
         assert low * (1 - 2 * BELOW) < found.step < low * (1 + ABOVE) and 0.6 * low < found.bound <= low
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("free", [False, True])
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize("name", UNDAMPED)

@@ -9,6 +9,7 @@ from skfem_stvk import StvkError
 from skfem_stvk.solvers.dynamics.damping import EdgeDamping, Rayleigh, damping_factors
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, "0.1", None, np.ones(2), 1j])
 @pytest.mark.parametrize(
     ("make", "name"),

@@ -71,6 +71,7 @@ def columns(run, prefix):
     return np.stack([run.ledger[prefix + axis] for axis in "xyz"[: run.system.mesh.d]], axis=1)
 
 
+@pytest.mark.few
 @METHOD
 def test_a_support_at_rest_has_no_velocity_and_the_reactions_of_statics(integrator, mass):
     """After a quick pull and strong damping, `v1 = 2 w/T - v` would ring for ever."""
@@ -86,6 +87,7 @@ def test_a_support_at_rest_has_no_velocity_and_the_reactions_of_statics(integrat
     np.testing.assert_allclose(run.reaction("right").resultant, still, rtol=1e-3)
 
 
+@pytest.mark.few
 @METHOD
 def test_the_velocity_of_a_support_is_that_before_a_kink(integrator, mass):
     """At the end of a step on a kink, it is the velocity within the step; the first one is that after the start."""
@@ -96,6 +98,7 @@ def test_the_velocity_of_a_support_is_that_before_a_kink(integrator, mass):
         np.testing.assert_allclose(run.v.reshape(-1, 2)[left], [wanted] * len(left), rtol=0, atol=1e-10)
 
 
+@pytest.mark.few
 @METHOD
 @pytest.mark.parametrize("damping", [None, [Rayleigh(beta=4e-3), EdgeDamping(3e-3)]], ids=["free", "damped"])
 def test_reactions_and_loads_are_the_rate_of_momentum_in_each_step(integrator, mass, damping):
@@ -117,6 +120,7 @@ def test_reactions_and_loads_are_the_rate_of_momentum_in_each_step(integrator, m
     np.testing.assert_array_equal(run.reaction("left").resultant, columns(run, "reaction clamp ")[-1])
 
 
+@pytest.mark.few
 @METHOD
 def test_free_nodes_get_the_impulse_of_a_kink_once(integrator, mass):
     """In a bar of one element without stiffness, a consistent mass gives the free end minus half of the speed of the other."""
@@ -138,6 +142,7 @@ LAWS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("damping", [None, Rayleigh(0.8, 4e-3), EdgeDamping(3e-3), BOTH], ids=["free", "Rayleigh", "edges", "both"])
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize(("law", "d"), [("StVK", 2), ("StVK", 3), ("neo-Hooke", 3)])
@@ -166,6 +171,7 @@ def test_the_work_of_a_push_is_the_kinetic_energy_of_the_support(integrator):
 MOVED = [(*method, False) for method in METHODS] + [(one, mass, True) for one, mass in METHODS[2:] if mass == "lumped"]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("integrator", "mass", "reduced"), MOVED, ids=[f"{one} {mass}{' reduced' * on}" for one, mass, on in MOVED]
 )
@@ -202,6 +208,7 @@ def test_a_run_goes_on_from_the_velocities_of_another(mass, rest):
     np.testing.assert_allclose(second.v, whole.v, rtol=0, atol=1e-9)
 
 
+@pytest.mark.few
 @METHOD
 def test_a_driven_run_resumes_to_the_same_bits(integrator, mass, tmp_path):
     options = {"mass": mass, "damping": BOTH, "reactions": {"clamp": "left"}, "quiet": True}

@@ -36,6 +36,7 @@ def left(mesh):
     return np.unique(mesh.t[:, mesh.p[0, mesh.t].min(axis=0) < 0.1])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("name", EVERY_MESH)
 def test_a_free_body_accelerates_uniformly(name, mass):
@@ -50,6 +51,7 @@ def test_a_free_body_accelerates_uniformly(name, mass):
     assert (np.abs(wrong - g).max() > 0.2 * np.abs(g).max()) == (mesh.element.degree == 2 and mesh.k > 1)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("integrator", "mass"),
     [
@@ -112,6 +114,7 @@ def test_the_critical_step_is_that_of_the_largest_eigenvalue(name):
         assert found.bound > 0.6 * exact
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("name", [name for name, mesh in CURVED.items() if mesh.k == mesh.d])
 def test_modes_are_those_of_the_dense_matrices(name, mass):

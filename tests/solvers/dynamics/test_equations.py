@@ -216,6 +216,7 @@ EQUATIONS = {
 BY_MASS = [(name, False) for name in EQUATIONS] + [(name, True) for name, (one, _) in EQUATIONS.items() if not one.explicit]
 
 
+@pytest.mark.few(12)
 @pytest.mark.parametrize("damping", ["undamped", "damped"])
 @pytest.mark.parametrize("d", [slow(2), 3])
 @pytest.mark.parametrize(("name", "consistent"), BY_MASS)

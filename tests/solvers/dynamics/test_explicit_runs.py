@@ -99,7 +99,7 @@ def test_files_of_a_motion_that_blew_up_end_with_the_run(every, tmp_path):
     assert run.status is Status.BLEW_UP and run.t == 1.0
     assert times == sorted(set(times)) and times[-1] == run.t and len(times) == 1 + -(-100 // every)
     saved = load(tmp_path / "run" / "motion.npz")
-    assert saved.header.now.t == run.t and saved.ledger.steps == 101
+    assert saved.saved.state.t == run.t and saved.ledger.steps == 101
     np.testing.assert_array_equal(saved.arrays["u"], run.u)
 
 

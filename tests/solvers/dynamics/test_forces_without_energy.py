@@ -6,10 +6,10 @@ import pytest
 from motions import MESHES
 
 from skfem_stvk import Corotated, Gravity, InvertibleStVK, Simulation, StVK, StvkError, StvkWarning, System, simulate
-from skfem_stvk.results.store import read_archive, write_archive
 from skfem_stvk.solvers.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet
 from skfem_stvk.solvers.dynamics.ledger_rows import known_total
-from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, MotionHeader
+from skfem_stvk.solvers.runs.archive import read_archive, write_archive
+from skfem_stvk.solvers.runs.state_files import MOTION
 
 matplotlib.use("Agg")
 MESH = MESHES[3]
@@ -70,6 +70,7 @@ def test_energy_momentum_has_the_work_of_the_force_at_the_middle(law):
         assert ledger["external_work"][-1] < 0
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("mixed", [False, True])
 @pytest.mark.parametrize("law", [at_vertices, by_stress, in_frames])
@@ -89,6 +90,7 @@ def test_missing_energies_are_nan_and_the_rest_balances(law, mixed, integrator):
     assert np.abs(gained).max() < lost * size and np.abs(ledger["external_work"]).max() > 0.02 * size
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("integrator", INTEGRATORS)
 @pytest.mark.parametrize("law", [at_vertices, by_stress])
 def test_a_resumed_run_has_the_ledger_of_an_uninterrupted_run(law, integrator, tmp_path):
@@ -105,8 +107,8 @@ def test_a_checkpoint_with_impossible_energies_is_refused(tmp_path):
     system, until = body(at_vertices, True), 0.1
     simulate(system, Newmark(0.01), until=until, quiet=True, checkpoint=tmp_path / "run")
     file = tmp_path / "run" / "motion.npz"
-    header, arrays = read_archive(file, MotionHeader, MotionCheckpoint.known, "")
-    names, rows = header.columns, arrays["ledger"]
+    header, arrays = read_archive(file, MOTION, "")
+    names, rows = header["record"]["columns"], arrays["rows"]
     for name, value in (
         ("strain_energy", 0.0),
         ("strain_energy Corotated 0", 0.0),
@@ -118,7 +120,7 @@ def test_a_checkpoint_with_impossible_energies_is_refused(tmp_path):
     ):
         impossible = rows.copy()
         impossible[:, names.index(name)] = value
-        write_archive(file, header.model_dump(), arrays | {"ledger": impossible})
+        write_archive(file, header, arrays | {"rows": impossible})
         with pytest.raises(StvkError, match=r"motion\.npz is damaged"):
             simulate(system, checkpoint=tmp_path / "run", resume=True, until=2 * until, quiet=True)
 

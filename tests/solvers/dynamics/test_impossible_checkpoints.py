@@ -8,29 +8,30 @@ import pytest
 from motions import driven, kicked
 
 from skfem_stvk import StvkError, simulate
-from skfem_stvk.results.store import read_archive, write_archive
 from skfem_stvk.solvers.dynamics import EnergyMomentum, VelocityVerlet
-from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, MotionHeader
+from skfem_stvk.solvers.runs.archive import read_archive, write_archive
+from skfem_stvk.solvers.runs.state_files import MOTION
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
 #: Wrong values that replace each entry of the header.
 WRONG = [None, True, -1, 10**30, 0.5, float("nan"), "x", [], {}]
 #: Entries that do not change the results or the paths of a run: counters, and times of the next frames. Dates and values of the
 #: critical step are computed again.
-LOOKS = ("now.looks.", "good.looks.", "good.cuts", "seconds.")
+LOOKS = ("record.reviews.", "record.good.reviews.", "record.good.cuts", "record.seconds.")
 #: Options that may have any value; they are compared only with options that the caller gives again.
 OPTIONS = ("problem.method.damping.", "problem.method.integrator.options.")
 HARMLESS = {
-    "good",
-    "now.cuts",
-    "good.cuts",
-    "counts.iterations",
-    "counts.clamped",
-    "seconds",
-    "every",
-    "save",
-    "now.looks",
-    "good.looks",
+    "record.good",
+    "record.cuts",
+    "record.good.cuts",
+    "record.counts.iterations",
+    "record.counts.clamped",
+    "record.seconds",
+    "record.every",
+    "record.save",
+    "record.pushed",
+    "record.reviews",
+    "record.good.reviews",
     "problem.moments",
 }
 RUNS = {
@@ -45,8 +46,8 @@ def motion(request, tmp_path_factory):
     scene, integrator, until, places = RUNS[request.param]()
     folder = tmp_path_factory.mktemp(request.param)
     scene.run(integrator, until, checkpoint=folder / "run", **places)
-    header, arrays = read_archive(folder / "run" / "motion.npz", MotionHeader, MotionCheckpoint.known, "")
-    return scene.system, folder, header.model_dump(exclude_unset=True), arrays, until  # as it was written
+    header, arrays = read_archive(folder / "run" / "motion.npz", MOTION, "")
+    return scene.system, folder, header, arrays, until
 
 
 def resume_error(system, folder, header, arrays, until):
@@ -136,9 +137,9 @@ ARRAYS = {
 
 def test_impossible_ledgers_and_arrays_are_refused(motion):
     system, folder, header, arrays, until = motion
-    cases = [("ledger", name, change) for name, change in LEDGERS.items()]
-    cases += [(one, name, change) for one in arrays if one != "ledger" for name, change in ARRAYS.items()]
-    cases += [(one, "another", lambda array: 1.01 * array + 0.01) for one in ("u", "v")]
+    cases = [("rows", name, change) for name, change in LEDGERS.items()]
+    cases += [(one, name, change) for one in arrays if one != "rows" and arrays[one].size for name, change in ARRAYS.items()]
+    cases += [(one, "another", lambda array: 1.01 * array + 0.01) for one in ("state u", "state v")]
     accepted = []
     for one, name, change in cases:
         other = arrays | {one: change(arrays[one])}
@@ -159,7 +160,7 @@ def test_plausible_later_changes_are_refused(motion):
     likely = changed(header, ("problem", "method", "damping", "alpha"), header["problem"]["method"]["damping"]["alpha"] + 1e-3)
     for change in (
         {"header": np.array(json.dumps(likely))},
-        {"array u": (1 + 1e-9) * whole["array u"]},
+        {"array state u": (1 + 1e-9) * whole["array state u"]},
         {"digest": np.array("0" * 32)},
     ):
         np.savez(folder / "run" / "motion.npz", **(whole | change))

@@ -66,6 +66,7 @@ def cases():
             yield pytest.param(name, scene, 3, "consistent", id=f"{name}, {scene}, consistent")
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize(("name", "scene", "d", "mass"), list(cases()))
 def test_errors_of_motion_and_energy_fall_with_the_declared_order(name, scene, d, mass):
     order = MAKERS[name](1.0).order
@@ -110,6 +111,7 @@ def drifts(integrator, d, mass="lumped"):
     }
 
 
+@pytest.mark.few(8)
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("name", MAKERS)
 def test_an_integrator_conserves_what_it_declares_and_nothing_else(name, d):
@@ -119,6 +121,7 @@ def test_an_integrator_conserves_what_it_declares_and_nothing_else(name, d):
         assert all(drift > 1e-6 or drift < 1e-10 for drift in found.values()), found
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("name", MAKERS)
 def test_only_declared_integrators_are_reversible(name, d):
@@ -158,6 +161,7 @@ def on_foundation(d):
 WORKING = {"time loads": clamped, "moving supports": driven, "a free body": loaded, "a bed and pressure": on_foundation}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize(
     "damping", [None, Rayleigh(alpha=0.8, beta=0.05), EdgeDamping(0.05)], ids=["undamped", "Rayleigh", "edges"]
@@ -191,6 +195,7 @@ FLYING = [
 ]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize(("name", "mass"), FLYING)
 def test_a_rigid_body_translates_exactly(name, mass, d):
@@ -236,6 +241,7 @@ def test_edge_damping_conserves_the_spin_and_rayleigh_damping_stops_it(make):
     assert (abs(ends[EdgeDamping][0] - 1) < 1e-11) == (make is EnergyMomentum)  # backward Euler damps rotations itself
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("tangent", ["clamped", "gauss-newton", "warped", "diagonal", "rest"])
 @pytest.mark.parametrize("make", [BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum])
 def test_converged_steps_do_not_depend_on_the_tangent(make, tangent):
@@ -246,6 +252,7 @@ def test_converged_steps_do_not_depend_on_the_tangent(make, tangent):
             assert np.abs(other.v - exact.v).any()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("solver", ["superlu", "block-jacobi-cg", "ssor-cg", "amg-cg"])
 @pytest.mark.parametrize("name", ["LinearBackwardEuler", "BackwardEuler", "EnergyMomentum"])
 def test_solvers_agree(name, solver):

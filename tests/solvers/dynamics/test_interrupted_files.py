@@ -24,7 +24,7 @@ WRITERS = (
     "complete_files.py",
     "ledger.py",
     "motion_checkpoint.py",
-    "store.py",
+    "archive.py",
     "vtu.py",
     "one_writer.py",
 )

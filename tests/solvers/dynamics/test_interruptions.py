@@ -53,6 +53,7 @@ MOMENTS = {"step": (Steps, "_bisected", 0), "ledger": (LedgerWriter, "append_row
 WITHIN = [(moment, number) for moment in MOMENTS for number in (30, 31) if (moment, number) != ("clock", 31)]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("moment", "number"), WITHIN)
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
 def test_ctrl_c_within_a_step_leaves_a_whole_step(integrator, number, moment, tmp_path, monkeypatch):
@@ -65,6 +66,7 @@ def test_ctrl_c_within_a_step_leaves_a_whole_step(integrator, number, moment, tm
     assert_resumes(scene, integrator, caught.value.run, tmp_path / "c", SHORT)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("number", [30, 31], ids=["whole", "short"])
 @pytest.mark.parametrize("integrator", INTEGRATORS, ids=lambda one: one.name)
 def test_ctrl_c_in_a_function_of_a_support_leaves_a_whole_step(integrator, number, tmp_path):
@@ -97,6 +99,7 @@ FOUND = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.filterwarnings("ignore:.*inverted:skfem_stvk.errors.StvkWarning")
 @pytest.mark.parametrize(
     ("moment", "number"), [(moment, number) for moment, (_, _, numbers) in FOUND.items() for number in numbers]

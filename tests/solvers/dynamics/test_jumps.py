@@ -58,6 +58,7 @@ def pulled(function, d=2):
     return Scene(System(mesh, material(mesh), fixed={"left": "xyz"[1:d]}, prescribed={"left": {"x": function}}))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", JUMPS)
 @pytest.mark.parametrize("integrator", [EnergyMomentum(DT), VelocityVerlet(DT / 4)], ids=lambda one: one.name)
 def test_a_support_that_jumps_is_named_once(name, integrator):
@@ -79,6 +80,7 @@ def test_jumps_are_reported_by_every_integrator(integrator):
         pulled(JUMPS["within a step"][-1], 3).run(integrator, 0.2063)
 
 
+@pytest.mark.few
 @pytest.mark.filterwarnings("ignore:.*inverted:skfem_stvk.errors.StvkWarning")
 @pytest.mark.parametrize("name", MOTIONS)
 @pytest.mark.parametrize(

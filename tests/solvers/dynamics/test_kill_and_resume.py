@@ -20,7 +20,6 @@ from skfem_stvk import Gravity, NodalLoad, StVK, StvkError, StvkWarning, System,
 from skfem_stvk.linear import SuperLU, amg
 from skfem_stvk.results import Series
 from skfem_stvk.results.series import read_list
-from skfem_stvk.results.store import write_archive
 from skfem_stvk.solvers.dynamics import (
     INTEGRATORS,
     EdgeDamping,
@@ -32,8 +31,9 @@ from skfem_stvk.solvers.dynamics import (
     VelocityVerlet,
 )
 from skfem_stvk.solvers.dynamics import motion_checkpoint as checkpoint
-from skfem_stvk.solvers.dynamics.ledger import LedgerFile
 from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, load
+from skfem_stvk.solvers.runs.archive import read_archive, write_archive
+from skfem_stvk.solvers.runs.ledger import LedgerFile
 
 HERE = Path(__file__).parent
 
@@ -57,7 +57,7 @@ EVERY = 7
 PROGRAM = """
 import sys
 sys.path[:0] = {paths!r}
-from skfem_stvk.solvers.dynamics import checkpoint
+from skfem_stvk.solvers.dynamics import motion_checkpoint as checkpoint
 from test_kill_and_resume import whole
 checkpoint.EVERY, checkpoint.SHARE = 0.0, 0.3
 print("ready", flush=True)
@@ -108,7 +108,7 @@ class Killed(BaseException):
 
 def stopped(name, folder, monkeypatch, checkpoints, resume=False):
     """Stop the run as a kill would, after this number of checkpoints, one per step: without cleanup or further output."""
-    kept, count = MotionCheckpoint.write, 0
+    kept, count = MotionCheckpoint.replace, 0
 
     def write(self, *content):
         nonlocal count
@@ -120,11 +120,12 @@ def stopped(name, folder, monkeypatch, checkpoints, resume=False):
     with monkeypatch.context() as patch:
         patch.setattr(checkpoint, "EVERY", 0.0)
         patch.setattr(checkpoint, "SHARE", np.inf)
-        patch.setattr(MotionCheckpoint, "write", write)
+        patch.setattr(MotionCheckpoint, "replace", write)
         with pytest.raises(Killed):
             whole(name, folder, resume)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SMALL)
 @pytest.mark.filterwarnings("ignore:.*inverted:skfem_stvk.errors.StvkWarning")
 def test_a_run_resumes_bit_for_bit_from_any_checkpoint(folders, monkeypatch, name):
@@ -144,6 +145,7 @@ def of_many_levels(young=2e4):
     return System(mesh, [law, Gravity((0, 0, -9.0))], fixed=[(lambda x: x[0] == 0, "xyz")])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg"])
 @pytest.mark.parametrize("integrator", [name for name, one in INTEGRATORS.items() if not one.explicit])
 def test_each_integrator_resumes_bit_for_bit_with_each_solver(integrator, solver, tmp_path):
@@ -162,7 +164,7 @@ def test_a_replaced_hierarchy_is_rebuilt_after_a_resume(integrator, tmp_path, mo
     steps, system = integrator(0.02, solver="amg-cg"), of_many_levels(young=2e7)
     whole = simulate(system, steps, until=0.32, quiet=True)
     simulate(system, steps, until=0.14, checkpoint=tmp_path / "run", quiet=True)
-    origin = load(tmp_path / "run" / "motion.npz").header.hierarchy
+    origin = load(tmp_path / "run" / "motion.npz").saved.origin
     assert origin.t > 0.02 and origin.pace > 0
     again = simulate(system, checkpoint=tmp_path / "run", resume=True, until=0.32, quiet=True)
     np.testing.assert_array_equal(again.u, whole.u)
@@ -171,11 +173,11 @@ def test_a_replaced_hierarchy_is_rebuilt_after_a_resume(integrator, tmp_path, mo
 def test_a_checkpoint_with_a_hierarchy_whose_origin_is_not_finite_is_refused(tmp_path):
     steps = LinearBackwardEuler(0.02, solver="amg-cg")
     simulate(of_many_levels(), steps, until=0.06, checkpoint=tmp_path / "run", quiet=True)
-    header, arrays = MotionCheckpoint.read_file(tmp_path / "run" / "motion.npz")
-    assert header.hierarchy is not None and header.hierarchy.t == 0.02
-    arrays["hierarchy w"] = np.full_like(arrays["hierarchy w"], np.nan)
-    write_archive(tmp_path / "run" / "motion.npz", header.model_dump(), arrays)
-    with pytest.raises(StvkError, match=r"damaged: .*hierarchy w"):
+    header, arrays = read_archive(tmp_path / "run" / "motion.npz", MotionCheckpoint.known, "")
+    assert header["record"]["origin"]["t"] == 0.02
+    arrays["origin w"] = np.full_like(arrays["origin w"], np.nan)
+    write_archive(tmp_path / "run" / "motion.npz", header, arrays)
+    with pytest.raises(StvkError, match=r"damaged: .*origin w"):
         simulate(of_many_levels(), checkpoint=tmp_path / "run", resume=True, until=0.1, quiet=True)
 
 
@@ -272,6 +274,7 @@ def saved(tmp_path):
     return system, tmp_path / "run"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -369,7 +372,7 @@ def test_a_solver_object_has_to_be_passed_again(tmp_path):
 @pytest.mark.parametrize("what", ["checkpoint", "table", "state"])
 def test_a_full_disk_ends_a_run_without_losing_results(folders, monkeypatch, what):
     expected = whole("superlu", folders[0])
-    owner, method = {"checkpoint": (MotionCheckpoint, "write"), "table": (LedgerFile, "write"), "state": (Series, "add")}[what]
+    owner, method = {"checkpoint": (MotionCheckpoint, "replace"), "table": (LedgerFile, "write"), "state": (Series, "add")}[what]
     kept, count = getattr(owner, method), 0
 
     def full(self, *content):

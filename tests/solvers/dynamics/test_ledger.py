@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from skfem_stvk import Gravity, StVK, StvkError, System
 from skfem_stvk.solvers.dynamics import ledger as module
-from skfem_stvk.solvers.dynamics.ledger import MOST_POINTS, Ledger, LedgerFile
 from skfem_stvk.solvers.dynamics.ledger_rows import Balance, column_names
+from skfem_stvk.solvers.runs.ledger import MOST_POINTS, Ledger, LedgerFile
 
 matplotlib.use("Agg")
 NAMES = ("time", "kinetic_energy", "total_energy")

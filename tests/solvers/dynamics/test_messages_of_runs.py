@@ -80,7 +80,7 @@ def test_a_run_resumes_in_its_original_folder(tmp_path, monkeypatch):
     simulate(scene.system, checkpoint=here / "run", resume=True, until=0.2, quiet=True)
     assert not list(there.iterdir())
     assert '"0.2' in (here / "run.pvd").read_text()
-    assert load(here / "run" / "motion.npz").header.now.steps == 20
+    assert load(here / "run" / "motion.npz").saved.steps == 20
 
 
 def test_a_body_that_starts_within_a_shape_makes_the_message_name_the_contact():

@@ -78,6 +78,7 @@ def test_matrix_free_solvers_refuse_a_consistent_mass(solver):
         modes(System(mesh, term(mesh), fixed={wall(mesh): "xy"}), 8, mass="consistent", solver=solver)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("solver", "mass"), SOLVED)
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
 def test_every_solver_finds_the_lowest_pairs(name, solver, mass):
@@ -89,6 +90,7 @@ def test_every_solver_finds_the_lowest_pairs(name, solver, mass):
     assert found.frequencies == pytest.approx(np.sqrt(found.eigenvalues) / (2 * np.pi))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("solver", "mass"), SOLVED)
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles", "segments"])
 def test_a_free_body_has_its_rigid_modes(name, solver, mass):

@@ -5,7 +5,7 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import asdict
+from dataclasses import is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,10 +16,10 @@ from slow import slow
 from skfem_stvk import Gravity, NodalLoad, Rayleigh, StVK, StvkError, System, Traction, VelocityVerlet, simulate
 from skfem_stvk.results.complete_files import WriteError
 from skfem_stvk.solvers.dynamics import motion_checkpoint as module
-from skfem_stvk.solvers.dynamics.ledger import Ledger
-from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, load
+from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, SavedMotion, load
 from skfem_stvk.solvers.dynamics.options import FRACTIONS
-from skfem_stvk.solvers.dynamics.record import Reviews
+from skfem_stvk.solvers.dynamics.record import Clock, Counts, HierarchyOrigin, MotionState, Reviews
+from skfem_stvk.solvers.newton.problem import Tangent
 from skfem_stvk.system.signature import Fingerprint
 
 MESH = skfem.MeshTri().refined(2).with_boundaries({"wall": lambda x: x[0] == 0, "tip": lambda x: x[0] == 1})
@@ -36,46 +36,76 @@ def call(path, system=None, **options):
     return simulate(system or body(), checkpoint=path, quiet=True, **(given | options))
 
 
+def content(steps=3, size=50):
+    """Return the record of a checkpoint with typical data that belongs to no motion."""
+    rng = np.random.default_rng(steps)
+    state = MotionState(1e-300, *rng.normal(size=(4, size)) / 3, rng.normal(size=(2, size)))
+    return SavedMotion(
+        state=state,
+        clock=Clock(0.0, 1 / 3, 0),
+        reviews=Reviews(),
+        steps=2,
+        cuts=0,
+        history=(np.arange(3.0), np.array([-np.inf, 1 / 3])),
+        good=None,
+        origin=HierarchyOrigin(state.a, state.v, 0.1, 2.0, 0.0, Tangent.CLAMPED, True),
+        removed=np.arange(steps),
+        removed_at=np.full(steps, np.nan),
+        counts=Counts(7, 0),
+        seconds={"solve": 0.1, "other": -1e-9},
+        columns=["time", "A x"],
+        rows=rng.normal(size=(steps, 2)),
+        probes={"A": np.array([3, 5])},
+        reactions={},
+        supports={},
+        every=10,
+    )
+
+
 def written(path, steps=3):
     """Write a checkpoint with typical data that belongs to no motion."""
-    rng = np.random.default_rng(steps)
-    ledger = Ledger(["time", "A x"], rng.normal(size=(steps, 2)))
-    arrays = {"u": rng.normal(size=50) / 3, "picked": np.arange(steps), "on": np.array([True, False])}
-    clock, looks = {"start": 0.0, "dt": 1 / 3, "count": 0}, asdict(Reviews())
-    about = {"now": {"t": 1e-300, "clock": clock, "looks": looks, "steps": 2, "cuts": 0, "rows": 3}, "good": None}
-    about |= {"counts": {"iterations": 7, "clamped": 0}, "seconds": {"solve": 0.1, "other": -1e-9}}
-    about |= {"probes": ["A"], "reactions": [], "supports": {}, "save": None, "every": 10}
     method = {"integrator": {"name": "Verlet", "options": {"dt": 1 / 3}, "objects": {}}, "mass": "lumped"}
     method["damping"] = {"alpha": 0.0, "beta": 0.0, "tau": 0.0}
     checkpoint = MotionCheckpoint(Path(path))
     with checkpoint:
         checkpoint.belongs_to(Fingerprint("motion", body(), method, [0.0, 2.0], {}), overwrite=True)
-        checkpoint.write(about, arrays, ledger)
-    return checkpoint, about, arrays, ledger
+        checkpoint.replace(content(steps))
+    return checkpoint, content(steps)
 
 
-def same(saved, about, arrays, ledger):
-    header = saved.header.model_dump()
-    assert {name: header[name] for name in about} == about
-    assert saved.arrays.keys() == arrays.keys() and saved.ledger.names == ledger.names
-    for name, array in arrays.items():
-        assert saved.arrays[name].dtype == array.dtype
-        np.testing.assert_array_equal(saved.arrays[name], array)
-    np.testing.assert_array_equal(saved.ledger.rows(), ledger.rows())
+def same(read, saved):
+    assert_equal(read.saved, saved)
+    assert_equal(read.ledger.rows(), saved.rows)
+
+
+def assert_equal(one, other):
+    """Assert that two records agree to the last bit, with the types of their arrays."""
+    assert type(one) is type(other)
+    if isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype
+        np.testing.assert_array_equal(one, other)
+    elif is_dataclass(one) or isinstance(one, tuple | dict):
+        parts = [vars(each) if is_dataclass(each) else each for each in (one, other)]
+        pairs = zip(*(each.values() if isinstance(each, dict) else each for each in parts), strict=True)
+        assert not isinstance(parts[0], dict) or parts[0].keys() == parts[1].keys()
+        for pair in pairs:
+            assert_equal(*pair)
+    else:
+        assert one == other
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2000])
 def test_a_checkpoint_is_read_back_bit_for_bit(tmp_path, steps):
-    checkpoint, *content = written(tmp_path / "flag", steps=steps)
-    same(load(checkpoint.file), *content)
+    checkpoint, saved = written(tmp_path / "flag", steps=steps)
+    same(load(checkpoint.file), saved)
     assert [file.name for file in (tmp_path / "flag").iterdir()] == ["motion.npz"]
 
 
 def test_the_ledger_of_a_checkpoint_can_be_extended(tmp_path):
-    checkpoint, _, _, ledger = written(tmp_path / "flag")
+    checkpoint, saved = written(tmp_path / "flag")
     again = load(checkpoint.file).ledger
     again.append([9.0, 8.0])
-    assert again.steps == ledger.steps + 1 and again["A x"][-1] == 8.0
+    assert again.steps == len(saved.rows) + 1 and again["A x"][-1] == 8.0
 
 
 def others():
@@ -173,7 +203,7 @@ def test_invalid_files_are_named(tmp_path):
 
 def test_a_truncated_or_damaged_file_is_never_accepted(tmp_path):
     path, rng = tmp_path / "flag" / "motion.npz", np.random.default_rng(3)
-    _, *content = written(tmp_path / "flag")
+    _, saved = written(tmp_path / "flag")
     whole = path.read_bytes()
     refused = 0
     for trial in range(300):
@@ -184,7 +214,7 @@ def test_a_truncated_or_damaged_file_is_never_accepted(tmp_path):
             data[rng.integers(len(data))] ^= 1 << rng.integers(8)
         path.write_bytes(data)
         try:
-            same(load(path), *content)  # a bit without meaning, such as in the date of a file
+            same(load(path), saved)  # a bit without meaning, such as in the date of a file
         except StvkError:
             refused += 1
     assert refused > 250
@@ -194,7 +224,7 @@ def test_another_version_is_refused(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(MotionCheckpoint, "known", ("motion of skfem-stvk", 7))
         written(tmp_path / "flag")
-    with pytest.raises(StvkError, match=r"is of version 7 of the format 'motion of skfem-stvk'; this release reads version 5"):
+    with pytest.raises(StvkError, match=r"is of version 7 of the format 'motion of skfem-stvk'; this release reads version 6"):
         load(tmp_path / "flag" / "motion.npz")
 
 
@@ -203,22 +233,22 @@ def test_unwritable_paths_are_refused_before_any_work(tmp_path):
     for path in (tmp_path / "no" / "flag", tmp_path / "file"):
         with pytest.raises(StvkError, match="cannot be written"), MotionCheckpoint(path):
             pass
-    checkpoint, *content = written(tmp_path / "flag")
+    checkpoint, saved = written(tmp_path / "flag")
     with MotionCheckpoint(checkpoint.folder):  # this checks that the folder is writable, and leaves the file alone
-        same(load(checkpoint.file), *content)
+        same(load(checkpoint.file), saved)
 
 
 def test_writing_checkpoints_is_limited_to_a_share_of_the_time(tmp_path, monkeypatch):
     for cost in (0.001, 0.2, 3.0):
         now = [100.0]
         monkeypatch.setattr(module.time, "perf_counter", lambda now=now: now[0])
-        monkeypatch.setattr(module.np, "savez", lambda file, now=now, cost=cost, **_: now.__setitem__(0, now[0] + cost))
+        monkeypatch.setattr(np, "savez", lambda file, now=now, cost=cost, **_: now.__setitem__(0, now[0] + cost))
         checkpoint, writes, begin = MotionCheckpoint(tmp_path / "flag"), [], now[0]
         checkpoint.folder.mkdir(exist_ok=True)
         checkpoint.belongs_to(Fingerprint("motion", body(), {}, [0.0], {}), overwrite=True)
         while now[0] < begin + 600:
             if checkpoint.due(now[0]):
-                checkpoint.write({}, {}, Ledger(["time"]))
+                checkpoint.replace(content())
                 writes.append(now[0])
             now[0] += 0.01
         assert writes[0] == begin + cost, "the first one is due at once"
@@ -230,7 +260,7 @@ def test_writing_checkpoints_is_limited_to_a_share_of_the_time(tmp_path, monkeyp
 def test_a_full_disk_retains_the_earlier_checkpoint(tmp_path):
     import resource
 
-    checkpoint, about, arrays, ledger = written(tmp_path / "flag")
+    checkpoint, saved = written(tmp_path / "flag")
     before = resource.getrlimit(resource.RLIMIT_FSIZE)
     for limit in (0, 100, 900, 20_000):
         try:
@@ -238,24 +268,27 @@ def test_a_full_disk_retains_the_earlier_checkpoint(tmp_path):
             with pytest.raises(
                 WriteError, match=r"motion\.npz could not be written: File too large\. Its previous content.*Free disk space"
             ):
-                checkpoint.write(about, {"u": np.zeros(100_000)}, ledger)
+                checkpoint.replace(content(size=100_000))
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, before)
         assert [file.name for file in checkpoint.folder.iterdir()] == ["motion.npz"]
-        same(load(checkpoint.file), about, arrays, ledger)
+        same(load(checkpoint.file), saved)
 
 
 ENDLESS = """
 import sys
 import numpy as np
 sys.path[:0] = {path!r}
-from test_motion_checkpoint import written
-checkpoint, about, arrays, ledger = written({file!r})
+from test_motion_checkpoint import content, written
+checkpoint, _ = written({file!r})
+ledger = [[0.0, 0.0], [1.0, 2.0], [2.0, 4.0]]
 step = 3
 while True:
-    ledger.append([step, 2.0 * step])
+    ledger.append([float(step), 2.0 * step])
     step += 1
-    checkpoint.write(about, {{"u": np.full(50_000, float(step))}}, ledger)
+    saved = content(size=50_000)
+    saved.state.u[:], saved.rows = float(step), np.array(ledger)
+    checkpoint.replace(saved)
     print(step, flush=True)
 """
 
@@ -271,6 +304,6 @@ def test_a_killed_run_leaves_a_whole_checkpoint(tmp_path, delay):
     time.sleep(delay)
     child.send_signal(signal.SIGKILL)
     child.wait()
-    _, _, arrays, ledger = load(path / "motion.npz")
-    assert ledger.steps >= done and (arrays["u"] == ledger.steps).all()
+    _, _, saved, ledger = load(path / "motion.npz")
+    assert ledger.steps >= done and (saved.state.u == ledger.steps).all()
     np.testing.assert_array_equal(ledger["A x"][3:], 2.0 * np.arange(3, ledger.steps))

@@ -7,8 +7,8 @@ from rich.console import Console
 
 from skfem_stvk import terminal
 from skfem_stvk.solvers.dynamics import progress as module
-from skfem_stvk.solvers.dynamics.ledger import Ledger
-from skfem_stvk.solvers.dynamics.progress import MotionProgress
+from skfem_stvk.solvers.dynamics.motion_progress import MotionProgress
+from skfem_stvk.solvers.runs.ledger import Ledger
 
 
 class Clock:

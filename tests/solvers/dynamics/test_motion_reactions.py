@@ -59,6 +59,7 @@ def heavy(d, pull):
     return System(mesh, [material(mesh), Gravity((0.3, -1.0, 0.5)[:d]), NodalLoad(right, pull)], fixed={"left": AXES[:d]})
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize(
     ("integrator", "mass", "start", "end"),

@@ -72,6 +72,7 @@ def assert_same(one, other):
         np.testing.assert_array_equal(x, y)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("scene", SCENES)
 @pytest.mark.parametrize("integrator", [*INTEGRATORS, EXPLICIT_BY_ITSELF], ids=by_name)
 def test_steps_are_those_of_simulate_to_the_last_bit(integrator, scene):
@@ -154,6 +155,7 @@ SOLVERS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("damping", [None, BOTH], ids=["", "damped"])
 @pytest.mark.parametrize(
     "integrator", [EXPLICIT_BY_ITSELF, *(one for some in SOLVERS.values() for one in some)], ids=lambda one: repr(one)[:60]
@@ -174,6 +176,7 @@ def test_a_restored_state_leads_to_the_same_steps(integrator, damping):
     assert sim.t == saved.t and sim.steps == 5 and sim.ledger.steps == 6
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("ledger", [False, True], ids=["", "ledger"])
 @pytest.mark.parametrize("integrator", [*INTEGRATORS, EXPLICIT_BY_ITSELF], ids=by_name)
 def test_a_restored_state_is_that_before_elements_were_removed(integrator, ledger):
@@ -238,6 +241,7 @@ def test_copies_that_would_share_the_state_are_refused(copied):
             copied(sim)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("integrator", [BackwardEuler(DT), EXPLICIT_BY_ITSELF], ids=by_name)
 @pytest.mark.parametrize("call", ["step", "remove", "restore", "save", "copy_state"])
 def test_motions_and_loads_of_a_simulation_cannot_change_it(integrator, call, tmp_path):
@@ -483,6 +487,7 @@ def test_other_analyses_hold_inputs_at_zero():
         np.testing.assert_allclose(u, expected, rtol=0, atol=1e-10)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("ledger", [False, True], ids=["", "ledger"])
 @pytest.mark.parametrize("integrator", [*INTEGRATORS, EXPLICIT_BY_ITSELF], ids=by_name)
 def test_a_saved_simulation_goes_on_from_its_file(integrator, ledger, tmp_path):

@@ -43,6 +43,7 @@ def begun(integrator, d=3, mass="lumped", damping=None, size=0.1):
     return stepper.problem, u, w, p
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("mass", ["lumped", "consistent"])
 @pytest.mark.parametrize("damping", [None, Rayleigh(0.8, 0.05)], ids=["undamped", "damped"])
 @pytest.mark.parametrize("integrator", [BackwardEuler(DT), Newmark(DT), GeneralizedAlpha(DT, rho=0.4)], ids=lambda one: one.name)

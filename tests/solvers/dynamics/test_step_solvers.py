@@ -70,6 +70,7 @@ def test_default_solvers_depend_on_dimension_tangent_and_symmetry():
     assert chosen(pressed) == "superlu"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("tangent", [one.value for one in StepTangent])
 @pytest.mark.parametrize(
     ("integrator", "limit"),

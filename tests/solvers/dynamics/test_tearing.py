@@ -69,6 +69,7 @@ def quietly(what, *arguments, **options):
         return what(*arguments, **options)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.parametrize("name", INTEGRATORS)
 @pytest.mark.parametrize("damping", [None, [Rayleigh(0.3, 1e-5), EdgeDamping(1e-5)]], ids=["", "damped"])
@@ -185,6 +186,7 @@ def test_the_step_follows_the_critical_step_after_removals():
     assert one.dt <= 0.9 * critical_step(heavy, one.u).step and one.status.value == "finished"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [*INTEGRATORS])
 @pytest.mark.parametrize("again", ["a new system", slow("the same system")])
 def test_a_torn_run_resumes_bit_for_bit(name, again, tmp_path):

@@ -54,6 +54,7 @@ def test_a_slope_without_root_gives_none():
     assert root_of_slope(lambda s: -1.0 - s, -1.0) is None
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("longest", [1e-4, 0.4, 1.0, 1.5, 3.0, 5.0, 100.0])
 @pytest.mark.parametrize("root", [0.3, 2.0, 60.0])
 def test_the_slope_is_not_evaluated_beyond_the_longest_length(longest, root):

@@ -28,11 +28,13 @@ def errors(body, size=4, amount=0.3):
     )
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 def test_the_quartic_is_the_energy_of_simplices_of_all_kinds_and_materials(name):
     assert max(errors(System(*BODIES[name]))) < 1e-13
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("rule", [None, "exact"])
 @pytest.mark.parametrize("name", CURVED)
 def test_the_quartic_is_the_energy_of_elements_with_several_points(name, rule):

@@ -57,6 +57,7 @@ def names(given):
     return [one.name for one in given]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("integrator", TIGHT, ids=names(TIGHT))
 @pytest.mark.parametrize("name", BODIES)
 def test_with_all_modes_the_reduced_motion_is_the_full_one(name, integrator):

@@ -224,6 +224,7 @@ def test_a_start_without_stiffness_is_refused_as_a_mechanism():
         solve_static(flat, **OPTIONS)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("load", [0.40, 0.46, 0.473, 0.4739])
 @pytest.mark.parametrize("steps", [1, 2, 3, 4, 6, 10, 20])
 def test_a_load_just_below_a_limit_point_is_not_skipped(load, steps):
@@ -429,6 +430,7 @@ def test_switches_are_true_or_false(name):
         solve_static(bar(), **{name: "yes"}, **OPTIONS)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("before", "after", "resolved", "hopped"),
     [

@@ -15,9 +15,9 @@ from test_arc_length import bar
 from skfem_stvk import Corotated, Gravity, InvertibleStVK, NodalLoad, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
-from skfem_stvk.results.complete_files import OutputFiles
 from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.solvers.newton.stopwatch import Stopwatch
+from skfem_stvk.solvers.runs.outputs import OutputFiles
 from skfem_stvk.solvers.statics import Interrupted, SolveError, Step
 from skfem_stvk.solvers.statics import path_checkpoint as checkpoint
 from skfem_stvk.solvers.statics.arc_length import ArcLength
@@ -418,6 +418,7 @@ CONTINUATIONS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.filterwarnings("ignore:From t")
 @pytest.mark.parametrize(
     ("scene", "method"),

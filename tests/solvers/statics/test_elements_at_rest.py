@@ -55,6 +55,7 @@ def test_small_displacements_are_scikit_fems(name, quadrature):
     assert np.abs(other - exact).max() > 1e-5 * np.abs(exact).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("solver", ["superlu", "pardiso", "amg-cg", "block-jacobi-cg", "ssor-cg"])
 @pytest.mark.parametrize("name", SOLID)
 def test_all_solvers_find_the_same_large_displacements(name, solver):

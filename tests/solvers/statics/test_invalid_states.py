@@ -8,26 +8,26 @@ from beams import bent
 from test_arc_length import bar
 
 from skfem_stvk import Stop, StvkError, solve_static
-from skfem_stvk.results.store import read_archive, write_archive
-from skfem_stvk.solvers.statics.path_checkpoint import PathCheckpoint, StateHeader
+from skfem_stvk.solvers.runs.archive import read_archive, write_archive
+from skfem_stvk.solvers.runs.state_files import PATH
 
 WRONG = [None, True, -1, 10**30, 0.5, float("nan"), "x", [], {}]
 #: Entries that do not affect the path: effort, findings and iterations of a state, and the load factors of evaluated loads.
 RECORDS = (
-    "step.seconds",
-    "step.iterations.",
-    "step.jump",
-    "step.lowest",
-    "step.potential",
-    "step.smallest_volume_ratio",
-    "step.findings",
-    "step.critical",
-    "step.status",
-    "step.end",
+    "record.state.seconds",
+    "record.state.iterations.",
+    "record.state.jump",
+    "record.state.lowest",
+    "record.state.potential",
+    "record.state.smallest_volume_ratio",
+    "record.state.findings",
+    "record.state.critical",
+    "record.state.status",
+    "record.state.end",
     "problem.moments",
 )
 #: Data of the next step, from which Newton's method may or may not find an equilibrium.
-NEXT_STEP = ("walk.",)
+NEXT_STEP = ("record.next.",)
 
 
 def load_steps():
@@ -43,8 +43,7 @@ def path(request, tmp_path_factory):
     call = request.param() | {"checkpoint": tmp_path_factory.mktemp("path") / "path", "quiet": True, "raise_on_failure": False}
     solve_static(**call)
     file = sorted(call["checkpoint"].iterdir())[-1]
-    header, arrays = read_archive(file, StateHeader, PathCheckpoint.known, "")
-    return call, file, header.model_dump(exclude_unset=True), arrays
+    return call, file, *read_archive(file, PATH, "")
 
 
 def resume_from(call, file, header, arrays):
@@ -101,9 +100,9 @@ CHANGES = {
 @pytest.mark.parametrize("change", CHANGES)
 def test_displacements_that_are_not_a_state_of_the_path_are_refused(path, change):
     call, file, header, arrays = path
-    u = CHANGES[change](arrays["u"])
+    u = CHANGES[change](arrays["state u"])
     assert f"{file} is damaged" in resume_from(
-        call, file, header, {name: array for name, array in (arrays | {"u": u}).items() if array is not None}
+        call, file, header, {name: array for name, array in (arrays | {"state u": u}).items() if array is not None}
     )
     assert resume_from(call, file, header, arrays) == ""
 

@@ -35,6 +35,7 @@ def named(findings):
     return {finding.name: finding for finding in findings}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BODIES)
 @pytest.mark.parametrize("amount", [0.0, 0.01])
 def test_a_slightly_deformed_body_has_no_findings(name, amount):

@@ -23,6 +23,7 @@ def truss(load):
     return System((p, np.array([[0, 1, 2], [3, 3, 3]])), terms, fixed=[([0, 1, 2], "xyz")])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("steps", [1, 2, 5, 20])
 @pytest.mark.parametrize("load", [500.0, 900.0, 3000.0, 6000.0, 20000.0])
 def test_the_snap_of_a_tall_truss_is_reported_in_any_number_of_steps(load, steps):
@@ -85,6 +86,7 @@ def late():
     return System(mesh, terms, fixed={lambda x: x[0] == 0: "xyz"})
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("steps", [1, 3])
 @pytest.mark.parametrize(
     "system",

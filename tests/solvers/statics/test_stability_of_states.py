@@ -229,6 +229,7 @@ def test_cg_is_not_replaced_where_k_is_indefinite():
     assert result.success and result.solver == "amg-cg"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("outcome", ["OUT_OF_ITERATIONS", "INACCURATE", "NEGATIVE_CURVATURE"])
 @pytest.mark.parametrize(("times", "stable"), [(0.5, True), (1.5, False)])
 @pytest.mark.parametrize("counted", [0, 20_000], ids=["by the lowest eigenvalue", "by factorisation"])

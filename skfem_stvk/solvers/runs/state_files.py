@@ -5,26 +5,27 @@ from __future__ import annotations
 import os
 import xml.etree.ElementTree as ET
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AliasChoices, ConfigDict, Field
 
-from ..arguments import Array, number
-from ..arguments import path as checked_path
-from ..errors import StvkError, name_ids, warn
-from ..mesh import ElementMesh, MeshLike
-from ..mesh.groups import from_cells
-from ..mesh.locations import SAME_POINT
-from ..system.signature import SAME, mesh_numbers
-from .complete_files import ForeignFile
-from .law_on_elements import in_space
-from .pieces import pieces_of
-from .series import listed_states
-from .store import Header, Record, expect, of_part, pattern, read_archive, refusing_damage
-from .vtu import read_vtu
+from ...arguments import Array, number
+from ...arguments import path as checked_path
+from ...errors import StvkError, name_ids, warn
+from ...mesh import ElementMesh, MeshLike
+from ...mesh.groups import from_cells
+from ...mesh.locations import SAME_POINT
+from ...npz import Ids, Vector
+from ...results.complete_files import ForeignFile
+from ...results.law_on_elements import in_space
+from ...results.pieces import pieces_of
+from ...results.series import listed_states
+from ...results.vtu import read_vtu
+from ...system.signature import SAME, mesh_numbers
+from .archive import STRICT, FileHeader, Store, check_lengths, pattern, refusing_damage, validated
 
 if TYPE_CHECKING:
     import meshio
@@ -32,26 +33,41 @@ if TYPE_CHECKING:
 #: Tolerance of a requested time, as a fraction of the largest time of the series.
 SAME_TIME = 1e-9
 #: Checkpoints of motions and of paths of equilibria: format and version, and names of their files.
-MOTION, PATH = ("motion of skfem-stvk", 5), ("path of skfem-stvk", 2)
+MOTION, PATH = ("motion of skfem-stvk", 6), ("path of skfem-stvk", 3)
 MOTION_FILE, PATH_FILE = "motion.npz", "state_{:05d}.npz"
 #: Remedy for an unreadable checkpoint.
 OTHER = "Use another file of the run, such as its .pvd."
 
 
-class StateTime(Record):
-    """Time or load factor of a state."""
-
-    model_config = ConfigDict(extra="ignore")
+@dataclass(frozen=True)
+class StateRead:
+    """State in a checkpoint: time or load factor, displacements, and velocities of a motion."""
 
     t: float
+    u: Vector
+    v: Vector | None = None
 
 
-class StateInCheckpoint(Header):
-    """Entries of the header of a checkpoint that hold the time of its state."""
+@dataclass(frozen=True)
+class CheckpointRead:
+    """Fields of the record of a checkpoint that are read here; it has others."""
 
-    model_config = ConfigDict(extra="ignore")
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT | {"extra": "ignore"}
 
-    moment: StateTime = Field(validation_alias=AliasChoices("now", "step"))
+    state: StateRead
+    removed: Ids = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+
+class MotionRead(Store[CheckpointRead]):
+    """Checkpoint of a motion, of which one state is read."""
+
+    known, remedy, schema = MOTION, OTHER, CheckpointRead
+
+
+class PathRead(MotionRead):
+    """File of one state in the checkpoint of a path."""
+
+    known = PATH
 
 
 def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None = None) -> tuple[Array, Array | None]:
@@ -158,11 +174,10 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
     files = [path] if path.is_file() else [*path.glob(MOTION_FILE)] or sorted(path.glob(pattern(PATH_FILE)))
     if not files:
         raise StvkError(f"The folder {path} is not a checkpoint: it has neither {MOTION_FILE} nor {pattern(PATH_FILE)}. {OTHER}")
-    known = PATH if files[0].match(pattern(PATH_FILE)) else MOTION
-    headers = [read_archive(file, StateInCheckpoint, known, OTHER, True)[0] for file in files]
-    chosen = _chosen(path, [header.moment.t for header in headers], time)
-    header, arrays = read_archive(files[chosen], StateInCheckpoint, known, OTHER)
-    written, expected = header.problem.numbers.get("the mesh", []), mesh_numbers(mesh)
+    store = PathRead if files[0].match(pattern(PATH_FILE)) else MotionRead
+    headers = [store.read_header(file, OTHER) for file in files]
+    chosen = _chosen(path, [_time_of(file, header) for file, header in zip(files, headers, strict=True)], time)
+    written, expected = headers[chosen].problem.numbers.get("the mesh", []), mesh_numbers(mesh)
     if len(written) != len(expected):
         raise ForeignFile(f"{files[chosen]} is damaged: it does not identify its mesh. {OTHER}")
     if written[:2] != expected[:2]:
@@ -172,12 +187,17 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
         raise StvkError(f"{files[chosen]} belongs to another mesh: {was}.")
     if not np.allclose(written, expected, rtol=SAME, atol=0.0):
         raise StvkError(f"{files[chosen]} belongs to another mesh: its {mesh.words} or its elements differ.")
-    arrays = of_part(files[chosen], header, arrays, lambda name: name in ("u", "v"), mesh.space, OTHER)
-    with refusing_damage(path, OTHER):
-        u = expect(arrays, "u", (mesh.p.size,))
-        v = expect(arrays, "v", (mesh.p.size,)) if known == MOTION else None
-    _warn_of_lost(path, arrays.get("removed", np.empty(0)).size, mesh)
-    return u, v
+    _, found = store.read_file(files[chosen], mesh.space)
+    with refusing_damage(files[chosen], OTHER):
+        check_lengths(found, mesh.p.size)
+    _warn_of_lost(path, found.removed.size, mesh)
+    return found.state.u, found.state.v
+
+
+def _time_of(file: Path, header: FileHeader) -> float:
+    """Return the time or load factor of the state in a file."""
+    with refusing_damage(file, OTHER):
+        return validated(CheckpointRead, header.record, lambda *_: np.empty(0)).state.t
 
 
 def _warn_of_lost(path: Path, lost: int, mesh: ElementMesh) -> None:

@@ -5,28 +5,22 @@ import tracemalloc
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from divided import Exchange, PartSpace
 
 from skfem_stvk.errors import StvkError
-from skfem_stvk.results import store
 from skfem_stvk.results.complete_files import ForeignFile, content_of
-from skfem_stvk.results.store import Header, Record, read_archive, write_archive
-
-
-class Plain(Record):
-    format: str
-    version: int
+from skfem_stvk.solvers.runs import archive
+from skfem_stvk.solvers.runs.archive import checked_header, read_archive, write_archive
 
 
 @pytest.mark.parametrize("version", [(1, 0), (2, 0)])
 def test_an_array_that_declares_too_many_entries_takes_no_memory(tmp_path, version):
     path, known = tmp_path / "a.npz", ("test", 1)
     write_archive(path, {"format": "test", "version": 1}, {"x": np.ones(3)})
-    assert read_archive(path, Plain, known, "")[1]["x"].tolist() == [1, 1, 1]
+    assert read_archive(path, known, "")[1]["x"].tolist() == [1, 1, 1]
     member = io.BytesIO()
     np.lib.format.write_array(member, np.empty(0), version)
     few = member.getvalue().replace(b"(0,), }" + 12 * b" ", b"(1000000000000,), }")
@@ -34,7 +28,7 @@ def test_an_array_that_declares_too_many_entries_takes_no_memory(tmp_path, versi
     with zipfile.ZipFile(path, "a") as archive:
         archive.writestr("array y.npy", few)
     with pytest.raises(ForeignFile, match=r"array y.npy declares more numbers than there are") as caught:
-        read_archive(path, Plain, known, "")
+        read_archive(path, known, "")
     assert not isinstance(caught.value.__cause__, MemoryError)
 
 
@@ -48,7 +42,7 @@ def test_a_flipped_bit_in_the_header_of_an_array_is_refused_in_words(tmp_path):
     before, _, after = path.read_bytes().rpartition(b"{'descr'")
     path.write_bytes(before + b"z'descr'" + after)
     with pytest.raises(ForeignFile, match=r"incomplete, or was not written by this package .*(TokenError|Cannot parse header)"):
-        read_archive(path, Plain, known, "")
+        read_archive(path, known, "")
 
 
 def divided_numbers(parts, seed):
@@ -57,21 +51,22 @@ def divided_numbers(parts, seed):
     return [rng.permutation(np.union1d(own, rng.integers(0, 40, 3))) for own in np.array_split(rng.permutation(40), parts)]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("before", "now"), [(3, 3), (3, 2), (2, 3), (5, 2), (3, 1), (1, 3)])
 @pytest.mark.parametrize("damaged", [False, True])
 def test_each_file_of_a_part_is_read_once_by_any_number_of_parts(before, now, damaged, tmp_path, monkeypatch):
     values, file, reads = np.cos(np.arange(80.0)).reshape(2, 40), tmp_path / "state.npz", []
-    header = SimpleNamespace(parts=[f"rank{rank:04d}_state.npz" for rank in range(before)])
-    for name, numbers in zip(header.parts, old := divided_numbers(before, 1), strict=True):
-        write_archive(tmp_path / name, {"format": store.PART[0], "version": 1}, {"numbers": numbers, "u": values[:, numbers]})
+    parts = [f"rank{rank:04d}_state.npz" for rank in range(before)]
+    for name, numbers in zip(parts, old := divided_numbers(before, 1), strict=True):
+        write_archive(tmp_path / name, {"format": archive.PART[0], "version": 1}, {"numbers": numbers, "u": values[:, numbers]})
     if damaged:
-        (tmp_path / header.parts[-1]).write_bytes(b"")
+        (tmp_path / parts[-1]).write_bytes(b"")
 
     def counted(path, *arguments):
         reads.append(path.name)
         return read_archive(path, *arguments)
 
-    monkeypatch.setattr(store, "read_archive", counted)
+    monkeypatch.setattr(archive, "read_archive", counted)
     for new in (divided_numbers(now, 2), *([old] if before == now else [])):
         exchange, reads[:] = Exchange(now), []
 
@@ -79,18 +74,18 @@ def test_each_file_of_a_part_is_read_once_by_any_number_of_parts(before, now, da
             numbers = new[part]
             space = PartSpace(exchange, part, 40, 1, numbers, (slice(0, len(numbers)),))
             try:
-                return store.of_part(file, header, {"t": np.ones(1)}, lambda name: name == "u", space, "Start again.")
+                return archive.of_parts(file, parts, space, "Start again.")
             except StvkError as error:
                 return error
 
         with ThreadPoolExecutor(now) as pool:
             found = list(pool.map(read, range(now)))
-        assert sorted(reads) == header.parts[: len(reads)] and (damaged or len(reads) == before)
+        assert sorted(reads) == parts[: len(reads)] and (damaged or len(reads) == before)
         for numbers, arrays in zip(new, found, strict=True):
             if damaged:
-                assert isinstance(arrays, StvkError) and header.parts[-1] in str(arrays)
+                assert isinstance(arrays, StvkError) and parts[-1] in str(arrays)
             else:
-                assert np.array_equal(arrays["u"], values[:, numbers]) and set(arrays) == {"t", "u"}
+                assert np.array_equal(arrays["u"], values[:, numbers]) and set(arrays) == {"u"}
 
 
 def test_a_compressed_archive_is_refused(tmp_path):
@@ -98,7 +93,7 @@ def test_a_compressed_archive_is_refused(tmp_path):
     path = tmp_path / "a.npz"
     np.savez_compressed(path, header=np.array("{}"), digest=np.array(""), **{"array x": np.zeros(10_000)})
     with pytest.raises(ForeignFile, match=r"header.npy is compressed; expected arrays as np.savez writes them"):
-        read_archive(path, Plain, ("test", 1), "")
+        read_archive(path, ("test", 1), "")
 
 
 def test_a_small_file_takes_little_memory_at_any_limit(tmp_path):
@@ -130,9 +125,7 @@ SIGNATURE = {"kind": "motion", "method": {}, "moments": [0.0], "numbers": {"the 
     ],
 )
 def test_a_header_with_an_impossible_signature_is_refused_in_words(tmp_path, change, why):
-    path, header = tmp_path / "a.npz", {"format": "test", "version": 1}
-    write_archive(path, header | {"problem": SIGNATURE}, {})
-    assert asdict(read_archive(path, Header, ("test", 1), "")[0].problem) == SIGNATURE
-    write_archive(path, header | {"problem": SIGNATURE | change}, {})
+    path, header = tmp_path / "a.npz", {"format": "test", "version": 1, "record": {}}
+    assert asdict(checked_header(path, header | {"problem": SIGNATURE}, "").problem) == SIGNATURE
     with pytest.raises(ForeignFile, match=rf"a\.npz is damaged: problem.*{why}"):
-        read_archive(path, Header, ("test", 1), "")
+        checked_header(path, header | {"problem": SIGNATURE | change}, "")

@@ -10,7 +10,7 @@ from rich.progress import BarColumn
 
 from ...terminal import LINE_INTERVAL, Progress, duration
 from ...units import UnitSystem
-from .ledger import Ledger
+from ..runs.ledger import Ledger
 
 #: Interval between two updates of a bar [s], and number of updates over which steps/s are averaged.
 REFRESH, WINDOW = 0.25, 10

@@ -72,7 +72,7 @@ class Ledger(Mapping[str, Array]):
     (array([2.5, 2. ]), 2)
     >>> ledger["kinetic"]
     Traceback (most recent call last):
-    skfem_stvk.solvers.dynamics.ledger.NoColumn: The ledger has no column 'kinetic'; known: 'kinetic_energy', 'time'. Did you mean ...?
+    skfem_stvk.solvers.runs.ledger.NoColumn: The ledger has no column 'kinetic'; known: 'kinetic_energy', 'time'. Did you mean ...?
     """
 
     #: System of units of all values.
