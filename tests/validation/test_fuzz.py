@@ -138,7 +138,7 @@ def test_a_body_in_another_one_and_a_result_of_another_time_are_found(monkeypatc
     drawn = solves.motions(with_kind("two bodies", bodies.touching())).map(lambda one: replace(one, integrator=EnergyMomentum))
     assert "surfaces cross" in found(drawn, solves.check_motion)
     right = RigidContactWithHistory.at
-    monkeypatch.setattr(RigidContactWithHistory, "at", lambda one, *given: vars(one).setdefault("_first", right(one, *given)))
+    monkeypatch.setattr(RigidContactWithHistory, "at", lambda one, *given: vars(one).setdefault("_memo", right(one, *given)))
     drawn = programs.programs(with_kind("plane", bodies.touching(2)))
     assert "of a fresh system" in found(drawn, lambda drawn: programs.run_program(*drawn), 200)
 
