@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.sparse import issparse
 
 from skfem_stvk import StvkError, System
-from skfem_stvk.terms.protocols import set_time
 
 from .bodies import Recipe, made, recipes, states
 
@@ -49,9 +48,6 @@ CALLS: dict[str, Call] = {
     "not a number": lambda s, u, v: s.internal_force(u * np.nan),
 }
 
-#: Calls with a load factor. Before the other ones, terms that move are set to their place at `TIME`.
-WITH_TIME, TIME = ("external_force", "potential", "residual", "jacobian", "energies"), 0.4
-
 
 @st.composite
 def programs(draw: st.DrawFn, drawn: Any = None) -> tuple[Recipe, list[tuple[str, int]]]:
@@ -86,8 +82,6 @@ def _result(system: System, recipe: Recipe, name: str, state: int) -> tuple[Any,
     u = states(recipe, system)[state]
     v = np.random.default_rng([recipe.seed, 3]).standard_normal(system.ndofs)
     before = u.tobytes(), v.tobytes()
-    if name not in WITH_TIME:
-        set_time(system.bound_terms, TIME)
     try:
         returned = CALLS[name](system, u, v)
         plain = _plain(returned)
