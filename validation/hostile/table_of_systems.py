@@ -74,7 +74,6 @@ def calls() -> list[Call]:
             lambda **given: ReducedSystem(**given).basis,
             {
                 "snapshots": OPTIONAL,
-                "sampled": frozenset({"0"}),
                 "times": OPTIONAL | {"one longer"},
                 "size": OPTIONAL,
                 "modes": OPTIONAL | {"0"},
@@ -87,7 +86,6 @@ def calls() -> list[Call]:
             derivatives=True,
             snapshots=u[:, None] * np.array([0.0, 0, 1, 1, 1, 1, 0, 0, 1, 1, 1, 1])[:, None],
             times=[0.0, 1.0],
-            sampled=0,
             most_memory=1e9,
             quiet=True,
         ),

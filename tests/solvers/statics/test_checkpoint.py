@@ -266,7 +266,9 @@ solve_static(bent(n=3), steps=60, checkpoint=sys.argv[1], solver="superlu", quie
 def test_a_killed_run_keeps_its_states(tmp_path):
     here = os.path.dirname(os.path.abspath(__file__))
     folder = tmp_path / "path"
-    run = subprocess.Popen([sys.executable, "-c", RUN, str(folder), here, os.path.dirname(here)])
+    run = subprocess.Popen(
+        [sys.executable, "-c", RUN, str(folder), here, os.path.dirname(here), os.path.dirname(os.path.dirname(here))]
+    )
     begin = time.time()
     while len(list(folder.glob("state_*.npz"))) < 3 and time.time() - begin < 300 and run.poll() is None:
         time.sleep(0.002)
