@@ -34,7 +34,7 @@ from ..terms import (
 )
 from ..terms.connectivity import connected
 from ..terms.loads.load import Time
-from ..terms.loads.rigid_contact import BoundRigidContact, Displacement
+from ..terms.loads.rigid_contact import Displacement, rigid
 from ..units import UNITS, implausible_moduli
 from .bound import BoundTerms, checked_terms, elements_to_remove
 from .divided import refuse_divided
@@ -284,12 +284,9 @@ class System(BoundTerms):
         motions
             Displacements by the name of a `RigidContact`.
         """
-        terms = [
-            term.moved_by(motions[term.name]) if isinstance(term, BoundRigidContact) and term.name in motions else term
-            for term in self.bound_terms
-        ]
+        moved: dict[Any, Any] = {one: one.moved_by(motions[one.name]) for one in rigid(self.contacts) if one.name in motions}
         other = copy(self)
-        other._replace_bound(terms, self.bound_loads)
+        other._replace_bound([moved.get(term, term) for term in self.bound_terms], self.bound_loads)
         return other
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:

@@ -16,7 +16,7 @@ from ...mesh.locations import vertices_at
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...terms.loads.load import Moment, Time
-from ...terms.loads.rigid_contact import BoundRigidContact
+from ...terms.loads.rigid_contact import rigid
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Inputs:
             at += d
         self._forces = slice(self._count, at)
         self.shapes = _checked_names("moved", shapes, "['ball']. Name a contact: RigidContact(..., name='ball').")
-        contacts = {term.name: term.contact for term in system.contacts if isinstance(term, BoundRigidContact)}
+        contacts = {term.name: term.contact for term in rigid(system.contacts)}
         for name in self.shapes:
             if name not in contacts:
                 raise ContactError(f"moved = {name!r}; expected a RigidContact of the body; {name_known(name, contacts)}")
