@@ -177,4 +177,4 @@ def implausible_moduli(moduli: Mapping[str, Any], units: UnitSystem, size: float
 
 def remarks(body: Any) -> str:
     """Return the lines of `System.implausible` for the header of a run; empty if there are none."""
-    return "" if body.remarked else "".join(f"\nnote: {text}" for text in body.implausible())
+    return "".join(f"\nnote: {text}" for text in body.implausible())

@@ -14,7 +14,7 @@ from ..errors import name_ids
 from ..mesh import ElementMesh
 from ..npz import Ids
 from ..system import System
-from ..system.bound import FLAT
+from ..system.bound import FLAT, compressed_in_part, inverted_in_part
 from ..terms import HasStress
 
 #: Poisson's ratio above which linear elements lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
@@ -107,13 +107,13 @@ class Monitors:
         system = self._system
         if system.mesh.k == system.mesh.d and (J := system.smallest_volume_ratio(u)) <= FLAT:
             what = f"inverted or flat (J down to {J:.3g}). {self._inversion_remedy()}"
-            yield from self._finding("inside out", system.inverted_here(u), J, what)
+            yield from self._finding("inside out", inverted_in_part(system, u), J, what)
         if (stretch := system.smallest_stretch(u)) < SOFTENING:
             what = (
                 f"compressed to a principal stretch below 1/sqrt(3) = 0.577 (down to {stretch:.3g}), where a St. Venant-Kirchhoff "
                 f"body softens. {self._compression_remedy()}"
             )
-            yield from self._finding("compressed", system.compressed_here(u, SOFTENING), stretch, what)
+            yield from self._finding("compressed", compressed_in_part(system, u, SOFTENING), stretch, what)
 
     def _inversion_remedy(self) -> str:
         remedy = "" if self._system.resists_inversion else ", or add a VolumePenalty, which resists inversion"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -182,7 +183,7 @@ class ReactionPlace(NamedTuple):
         `support` is not None, it has the words of the support whose vertices are `where`, or is empty for another location.
         """
         vertices, d, own = constrained_vertices(system, where, what), system.mesh.d, np.zeros(system.ndofs)
-        words, (by_words, counts) = describe(where) if support is None else support, system.reaction_shares
+        words, (by_words, counts) = describe(where) if support is None else support, _dofs_of_supports(system)
         alike = support is not None or isinstance(where, str | tuple | LocationShape)
         for place, dofs in by_words.get(words, ()):
             own[dofs] += (alike or place is where) and np.isin(dofs // d, vertices).all()
@@ -200,6 +201,28 @@ class ReactionPlace(NamedTuple):
         forces = np.zeros((system.mesh.nv, system.mesh.d))
         forces[self.vertices] = self.forces(of_all)
         return Reaction.of(system.mesh, u, forces, system.mesh.node_numbers[self.vertices], system.units)
+
+
+def _dofs_of_supports(system: System) -> tuple[dict[str, list[tuple[Where | None, NDArray[np.int64]]]], Array]:
+    """Return the degrees of freedom whose reactions belong to a support, and how many supports (ndofs,) each belongs to.
+
+    They are listed with the location of the support, by its words. The force of a foundation belongs to the supports at a node,
+    and to the foundation where there are none.
+    """
+    d, counts = system.mesh.d, np.zeros(system.ndofs)
+    found: dict[str, list[tuple[Where | None, NDArray[np.int64]]]] = defaultdict(list)
+
+    def add(where: Where | None, dofs: NDArray[np.int64]) -> None:
+        found[describe(where)].append((where, dofs))
+        counts[dofs] += 1
+
+    tied = np.setdiff1d(system.grounded, system.supports.held)
+    for where, dofs in system.supports.entries:
+        add(where, np.concatenate([dofs, tied[np.isin(tied // d, dofs // d)]]))
+    alone = tied[counts[tied] == 0]
+    for term in system.foundations:
+        add(term.where, np.intersect1d(alone, system.space.union(term.grounded, system.ndofs)))
+    return found, counts
 
 
 def _centred(x: Array) -> Array:

@@ -387,7 +387,6 @@ def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built
     with complaints.at(), _naming_terms(complaints, mesh, terms, sections.units):
         options = {name: getattr(sections.mesh, name) for name in ("quadrature", "hourglass")}
         system = System(mesh, terms, fixed or None, prescribed or None, **options, units=sections.units)
-        system.remarked = True  # the scene has remarks of its own, with its keys
     complaints.refuse()
     assert system is not None
     _check_energies(complaints, sections, system)

@@ -20,8 +20,7 @@ from ..arguments import path as checked_path
 from ..arguments import whole
 from ..errors import AnalysisError, SceneError, StvkError
 from ..kernels.threads import threads
-from ..results.complete_files import content_of, replacing
-from ..results.one_writer import OneWriter
+from ..results.complete_files import OneWriter, content_of, replacing
 from ..solvers.newton.processes import Crashed, in_processes, is_worker_process
 from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED, say
 from .build import contacts_of

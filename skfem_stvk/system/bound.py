@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from functools import cached_property
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -13,23 +11,21 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from ..arguments import Array, number, whole_array
 from ..edges.bound_term import Bound, BoundElements, BoundTerm, bound, joined, with_blocks
 from ..edges.elements import Quadrature
+from ..edges.pairs import PairTerm
 from ..errors import ContactError, RegionError, StvkError, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
-from ..space import Space
 from ..terms import (
     Body,
     BoundLoad,
-    DoesWork,
-    HasContact,
     Load,
     Term,
     is_load,
 )
 from ..terms.bound_load import bound_load
 from ..terms.connectivity import Connected
+from ..terms.loads.bound_contact import BoundContact
 from ..terms.loads.load import Moment, Time
-from ..terms.protocols import Assumption, set_time
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.
 FLAT = 1e-9
@@ -53,7 +49,8 @@ class BoundTerms:
         quadrature: Quadrature | None = None,
         connectivity: Connected | None = None,
     ) -> None:
-        self.mesh, self.dtype, self.terms = mesh, np.dtype(dtype), tuple(terms)
+        self.mesh, self.space, self.ndofs = mesh, mesh.space, mesh.p.size
+        self.dtype, self.terms = np.dtype(dtype), tuple(terms)
         beside = () if connectivity is None else connectivity.beside
         of = (0,) * len(self.terms) if connectivity is None else connectivity.of
         self.loads: tuple[Load, ...] = tuple(filter(is_load, self.terms))
@@ -69,13 +66,13 @@ class BoundTerms:
         self.bound_terms: tuple[BoundTerm, ...] = tuple(
             bound(term.bind(bodies[number], self.dtype)) for number, term in zip(self._of, self.elastic_terms, strict=True)
         )
+        self.bound_loads: tuple[BoundLoad, ...] = tuple(bound_load(load.bind(self.body)) for load in self.loads)
+        self._sort()
         names = [contact.name for contact in self.contacts]
         if len(set(names)) < len(names):
             twice = sorted({name for name in names if names.count(name) > 1})
             listed = ", ".join(f"name = {name!r}" for name in twice)
             raise ContactError(f"{listed}: several contacts; expected a name of its own for each, such as name='floor'.")
-        self.bound_loads: tuple[BoundLoad, ...] = tuple(bound_load(load.bind(self.body)) for load in self.loads)
-        self._sort()
         self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
         self._used = np.zeros(mesh.nv, dtype=bool)
         for term in self.bound_terms:
@@ -93,22 +90,32 @@ class BoundTerms:
         every: tuple[Bound, ...] = (*self.bound_terms, *self.bound_loads)
         #: Terms that tie the body to the ground, such as foundations.
         self.foundations = [term for term in self.bound_terms if term.grounded is not None]
-        self._with_history = [one for one in every if one.has_history]
+        #: Bound terms of contact.
+        self.contacts = [term for term in self.bound_terms if isinstance(term, BoundContact)]
+        # Indices of the terms with a history, and of those that depend on more than displacements: on time, history or an assumption.
+        self._with_history = [i for i, term in enumerate(self.bound_terms) if term.has_history]
+        self._changing = frozenset(i for i, term in enumerate(self.bound_terms) if term.takes_time)
         self._with_changing_pairs = [one for one in every if one.pairs_change]
         specified = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         self.on_elements = [(number, of, term) for number, of, term in specified if isinstance(term, BoundElements)]
         self._with_volume: list[tuple[NDArray[np.int64], BoundElements]] = []
         known = np.zeros(self.mesh.nt, dtype=bool)
+        self._on_elements_of_mesh = [(of, term) for number, of, term in self.on_elements if number == 0]
         for specification, term in self._on_elements_of_mesh:
             elements = self.mesh.elements(specification.region)
             if not known[elements].all():
                 self._with_volume.append((elements, term))
             known[elements] = True
-
-    @property
-    def space(self) -> Space:
-        """Space of the displacements of all nodes, which combines the results of the parts of a divided mesh."""
-        return self.mesh.space
+        self.working_contacts = [term for term in self.contacts if term.does_work]
+        self.elastic_names = [name for name, term in self._named if not is_load(term)]
+        self.without_energy = [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
+        elastic = not self.without_energy and all(term.symmetric for term in self.bound_terms)
+        self.conservative = elastic and all(load.has_potential for load in self.bound_loads)
+        self.dead = elastic and all(load.dead for load in self.bound_loads)
+        self.constant_tangent = self.dead and all(term.constant_tangent for term in self.bound_terms)
+        self.quartic = all(term.quartic for term in self.bound_terms)
+        self.resists_inversion = any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
+        self.removed, self.bare = np.flatnonzero(self.body.removed), np.flatnonzero(self.body.bare)
 
     def _terms_on(self, number: int) -> list[Any]:
         """Return the elastic terms on the mesh, for number 0, or on one of the meshes of lower dimensions."""
@@ -120,43 +127,13 @@ class BoundTerms:
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         return [(specification, term) for number, specification, term in every if number == 0]
 
-    @property
-    def _on_elements_of_mesh(self) -> list[tuple[Any, BoundElements]]:
-        return [(specification, term) for number, specification, term in self.on_elements if number == 0]
-
-    @property
-    def removed(self) -> NDArray[np.int64]:
-        """Ids of the removed elements, ascending: see `System.without`."""
-        return np.flatnonzero(self.body.removed)
-
-    @property
-    def bare(self) -> NDArray[np.int64]:
-        """Nodes that have lost all their elements by removal, ascending."""
-        return np.flatnonzero(self.body.bare)
-
-    def elements_to_remove(self, elements: Any) -> NDArray[np.int64]:
-        """Return the ids of the named elements that are not removed yet, ascending; errors as in `System.without`."""
-        ids_or_mask = whole_array(elements)
-        none = ids_or_mask is not None and (
-            ids_or_mask.shape == (0,) or (ids_or_mask.dtype == bool and ids_or_mask.shape == (self.mesh.nt,))
-        )
-        none = none and not np.any(ids_or_mask)
-        ids = np.empty(0, dtype=np.int64) if none else self.mesh.elements(elements)
-        removed = self.body.removed.copy()
-        removed[ids] = True
-        if removed.all():
-            raise RegionError(
-                f"All {self.mesh.nt} elements would be removed; expected at least one to remain. Is the limit or the mask inverted?"
-            )
-        return np.flatnonzero(removed & ~self.body.removed)
-
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
         unsupported = [type(term).__name__ for term, bound in self._on_mesh if not bound.removable]
         unsupported += [
             type(load).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
-            if not bound.removable and (bound.has_history or bound.pairs_change)
+            if not bound.removable and bound.pairs_change
         ]
         if unsupported:
             raise StvkError(
@@ -191,60 +168,48 @@ class BoundTerms:
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
         self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
         self._sort()
-        for name in ("contacts", "working_contacts"):
-            self.__dict__.pop(name, None)
 
-    @property
-    def elastic_names(self) -> list[str]:
-        """Names of `elastic_terms` in `energies` and in messages: type and number among all terms."""
-        return [name for name, term in self._named if not is_load(term)]
+    def terms_at(self, t: Time) -> tuple[BoundTerm, ...]:
+        """Return the bound terms at the load factor or moment `t`, with the history of its step."""
+        moment = self._moment(t)
+        if not self._changing:
+            return self.bound_terms
+        histories = iter(() if moment.step is None else moment.step.history)
+        history = {i: next(histories, None) for i in self._with_history}
+        return tuple(term.at(moment, history.get(i)) if i in self._changing else term for i, term in enumerate(self.bound_terms))
 
-    @cached_property
-    def without_energy(self) -> list[str]:
-        """Names of the elastic terms without an energy, that is, whose force is not a gradient."""
-        return [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
+    def pairs_at(self, t: Time) -> tuple[PairTerm, ...]:
+        """Return `terms_at` with their blocks."""
+        if not self._changing:
+            return self.pair_terms
+        return tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.terms_at(t), strict=True))
 
-    @property
-    def resists_inversion(self) -> bool:
-        """Whether a term resists the inversion of elements, as `VolumePenalty` does."""
-        return any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
+    def _moment(self, t: Time) -> Moment:
+        """Return the moment of load factor or time `t`, checked."""
+        return Moment.checked(t)
 
-    @property
-    def conservative(self) -> bool:
-        """Whether all terms have an energy and all loads a potential; if not, the Jacobian is not symmetric."""
-        return self._elastic and all(load.has_potential for load in self.bound_loads)
+    def first_history(self) -> tuple[Array, ...]:
+        """Return the history of each term that has one, before the first step of an analysis."""
+        return tuple(self.bound_terms[i].first_history() for i in self._with_history)
 
-    @property
-    def dead(self) -> bool:
-        """Whether all loads are dead, that is, keep size and direction. Then the Jacobian is the tangent of an energy."""
-        return self._elastic and all(load.dead for load in self.bound_loads)
+    def advanced(self, history: Sequence[Array], u: ArrayLike, t: Time) -> tuple[Array, ...]:
+        """Return the history of a step that begins at displacements `u` (ndofs,), at `t`, after a step with this `history`."""
+        if not history:
+            return ()
+        x, moment, terms = self._state(u), self._moment(t), (self.bound_terms[i] for i in self._with_history)
+        return tuple(term.advanced(one, x, moment) for term, one in zip(terms, history, strict=True))
 
-    @property
-    def constant_tangent(self) -> bool:
-        """Whether the Jacobian is the same at all displacements and times: linear terms under dead loads."""
-        return self.dead and all(term.constant_tangent for term in self.bound_terms)
-
-    @property
-    def _elastic(self) -> bool:
-        return not self.without_energy and all(term.symmetric for term in self.bound_terms)
-
-    def commit(self, u: ArrayLike, t: Time) -> None:
-        """Begin a step at displacements `u` (ndofs,), at the load factor or moment `t`; terms with history store them."""
-        if self._with_history:
-            set_time(self._with_history, t)
-            for term in self._with_history:
-                term.commit(self._state(u), Moment.of(t).time)
-
-    def history(self) -> tuple[Array, ...]:
-        """Return copies of the histories of all terms that have one, for `return_to`."""
-        return tuple(term.history.copy() for term in self._with_history)
+    def after_step(self, history: Sequence[Array]) -> tuple[Array, ...]:
+        """Return the history after a step that began with it: pairs of nodes that K couples by now are added."""
+        terms = (self.bound_terms[i] for i in self._with_history)
+        return tuple(term.after_step(one) for term, one in zip(terms, history, strict=True))
 
     def return_to(self, history: Sequence[Array]) -> None:
-        """Go back to a result of `history`. Raises ValueError if it is of another body."""
+        """Prepare for steps from an earlier history. Raises ValueError if it is of another body."""
         if len(history) != len(self._with_history):
             raise ValueError(f"it has the histories of {len(history)} terms; expected {len(self._with_history)}")
-        for term, one in zip(self._with_history, history, strict=True):
-            term.history = one
+        for i, one in zip(self._with_history, history, strict=True):
+            self.bound_terms[i].return_to(one)
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """Return the smallest volume ratio `J` of an element at `u` to rest; an element with `J < 0` is inverted.
@@ -274,59 +239,15 @@ class BoundTerms:
         x, y = self._state(u), self._state(v, "v")
         return self.space.comm.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
 
-    def contact_limit(self, u: ArrayLike, v: ArrayLike) -> tuple[float, str]:
-        """Return the largest `s` up to which no contact is passed on the way `u + s v`, and the contact's name; infinity and ""."""
-        limits = [(term.contact_limit(self._state(u), self._state(v, "v")), term.name) for term in self.contacts]
-        return min(limits, default=(np.inf, ""))
-
-    def refuse_start(self, u: ArrayLike) -> None:
-        """Raise ContactError if surfaces that repel each other intersect at the start `u` (ndofs,), or lie inside each other."""
-        for term in self.contacts:
-            term.refuse_start(self._state(u))
-
-    @contextmanager
-    def assuming(self, what: Assumption, friction: float = 1.0) -> Iterator[None]:
-        """Let tangents contain what contacts would add under an assumption, within the block; states are (nv, d).
-
-        Friction acts with the factor `friction` there.
-        """
-        for term in self.contacts:
-            term.assumed = what
-        for rubbing in self.working_contacts:
-            rubbing.friction_factor = friction
-        try:
-            yield
-        finally:
-            for term in self.contacts:
-                term.assumed = None
-            for rubbing in self.working_contacts:
-                rubbing.friction_factor = 1.0
-
-    def passed_contact(self, u0: ArrayLike, u1: ArrayLike) -> str:
-        """Return the name of a contact that is passed through from `u0` to `u1` over the present step; "" if there is none."""
-        return next((term.name for term in self.contacts if term.passes(self._state(u0), self._state(u1))), "")
-
-    @cached_property
-    def working_contacts(self) -> list[DoesWork]:
-        """Bound terms of contact that move or rub."""
-        return [term for term in self.bound_terms if isinstance(term, DoesWork)]
-
-    @cached_property
-    def contacts(self) -> list[HasContact]:
-        """Bound terms of contact."""
-        return [term for term in self.bound_terms if isinstance(term, HasContact)]
+    def contacts_at(self, t: Time) -> list[BoundContact]:
+        """Return the contacts at the load factor or moment `t`, with the history of its step."""
+        return [term for term in self.terms_at(t) if isinstance(term, BoundContact)] if self.contacts else []
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
         if self.mesh.k < self.mesh.d or self.smallest_volume_ratio(u) > FLAT:
             return np.empty(0, dtype=np.int64)
-        return self.mesh.ids_of_all(self.inverted_here(u))
-
-    def inverted_here(self, u: ArrayLike) -> NDArray[np.int64]:
-        """Return the ids of `inside_out` in this part of a divided body."""
-        x = self._state(u)
-        inverted = [elements[term.volume_ratios(x) <= FLAT] for elements, term in self._with_volume]
-        return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *inverted]))
+        return self.mesh.ids_of_all(inverted_in_part(self, u))
 
     def smallest_stretch(self, u: ArrayLike) -> float:
         """Return the smallest principal stretch of the mesh's elements at `u`: 1 at rest, 0 if flat. Errors as in `energy`.
@@ -343,16 +264,7 @@ class BoundTerms:
 
         StateError as in `energy`.
         """
-        return self.mesh.ids_of_all(self.compressed_here(u, below))
-
-    def compressed_here(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
-        """Return the ids of `compressed` in this part of a divided body."""
-        x, below = self._state(u), number("below", below, "a finite stretch")
-        ids = [np.empty(0, dtype=np.int64)]
-        for specification, term in self._on_elements_of_mesh:
-            if term.smallest_stretch(x) < below:
-                ids.append(self.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
-        return np.unique(np.concatenate(ids))
+        return self.mesh.ids_of_all(compressed_in_part(self, u, below))
 
     @property
     def _named(self) -> list[tuple[str, Any]]:
@@ -360,7 +272,41 @@ class BoundTerms:
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Return displacements as (nv, d). All parts of a divided body call this method together."""
-        return self.space.comm.together(by_vertex, self.mesh, u, name)
+        with self.space.comm.together():
+            return by_vertex(self.mesh, u, name)
+
+
+def inverted_in_part(body: BoundTerms, u: ArrayLike) -> NDArray[np.int64]:
+    """Return the ids of the elements of `inside_out` in this part of a divided body."""
+    x, ids = body._state(u), [np.empty(0, dtype=np.int64)]
+    ids += [elements[term.volume_ratios(x) <= FLAT] for elements, term in body._with_volume]
+    return np.unique(np.concatenate(ids))
+
+
+def compressed_in_part(body: BoundTerms, u: ArrayLike, below: float) -> NDArray[np.int64]:
+    """Return the ids of the elements of `compressed` in this part of a divided body."""
+    x, below, ids = body._state(u), number("below", below, "a finite stretch"), [np.empty(0, dtype=np.int64)]
+    for specification, term in body._on_elements_of_mesh:
+        if term.smallest_stretch(x) < below:
+            ids.append(body.mesh.elements(specification.region)[term.smallest_stretches(x) < below])
+    return np.unique(np.concatenate(ids))
+
+
+def elements_to_remove(body: BoundTerms, elements: Any) -> NDArray[np.int64]:
+    """Return the ids of the named elements that are not removed yet, ascending; errors as in `System.without`."""
+    ids_or_mask = whole_array(elements)
+    none = ids_or_mask is not None and (
+        ids_or_mask.shape == (0,) or (ids_or_mask.dtype == bool and ids_or_mask.shape == (body.mesh.nt,))
+    )
+    none = none and not np.any(ids_or_mask)
+    ids = np.empty(0, dtype=np.int64) if none else body.mesh.elements(elements)
+    removed = body.body.removed.copy()
+    removed[ids] = True
+    if removed.all():
+        raise RegionError(
+            f"All {body.mesh.nt} elements would be removed; expected at least one to remain. Is the limit or the mask inverted?"
+        )
+    return np.flatnonzero(removed & ~body.body.removed)
 
 
 def _refuse_not_additive(terms: Sequence[Any]) -> None:

@@ -137,7 +137,7 @@ class Fingerprint:
             numbers[f"the loads at t = {t:g}{unit}"] = sums_of(system.external_force(u, moment), space)
             if system.contacts:
                 numbers[f"the contacts at t = {t:g}{unit}"] = sums(
-                    np.array([x for contact in system.contacts for x in contact.identity()])
+                    np.array([x for contact in system.contacts_at(moment) for x in contact.identity()])
                 )
             prescribed = space.comm.gather(space.numbers[system.supports.held][own], system.supports.values(moment)[own])[1]
             numbers[f"prescribed displacements at t = {t:g}{unit}"] = sums(prescribed)

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from math import nan
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -25,11 +23,10 @@ from ..kernels.threads import CopyableLock, locked
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.diagnostics import check_mesh, warn_of_flat_elements
 from ..mesh.displacements import array_to_fill, by_vertex
-from ..mesh.locations import DofsView, describe
+from ..mesh.locations import DofsView
 from ..terminal import html_table
 from ..terms import (
     BoundLoad,
-    HasContact,
     HasStress,
     HoldsShape,
     Load,
@@ -38,11 +35,10 @@ from ..terms import (
     is_load,
 )
 from ..terms.connectivity import connected
-from ..terms.loads.load import Moment, Time
+from ..terms.loads.load import Time
 from ..terms.loads.rigid_contact import BoundRigidContact, Displacement
-from ..terms.protocols import set_time
 from ..units import UNITS, implausible_moduli
-from .bound import BoundTerms, checked_terms
+from .bound import BoundTerms, checked_terms, elements_to_remove
 from .divided import refuse_divided
 from .mass import KINDS, Mass
 from .mechanisms import check_held, grounded_dofs
@@ -67,8 +63,8 @@ class System(BoundTerms):
     `ElementHex1()` and similar elements.
 
     `energy`, `internal_force`, `tangent` and `product` are elastic. `potential`, `residual` and `jacobian` include the loads at the
-    load factor `t`. Supports change none of them: they determine which degrees of freedom a solver keeps. Calls without `t` leave
-    moving shapes of contacts where the last call with `t` put them.
+    load factor `t`. Supports change none of them: they determine which degrees of freedom a solver keeps. Shapes that move, and
+    frames that rotate, are those at the argument `t`, which is 0 by default in elastic calls and 1 in calls with loads.
 
     Parameters
     ----------
@@ -106,15 +102,52 @@ class System(BoundTerms):
 
     Attributes
     ----------
+    mesh, space, ndofs
+        The mesh; the space of the displacements of all nodes, `space.n = ndofs = d nv`.
+    supports
+        Fixed and prescribed degrees of freedom.
+    bound_terms, bound_loads
+        Elastic terms and loads with the data of this mesh.
+    contacts, working_contacts
+        Bound terms of contact, and those of contacts that move or rub.
+    elastic_names, without_energy
+        Names of the elastic terms, type and number among all terms; and of those whose force is not the gradient of an energy.
+    conservative
+        Whether all terms have an energy and all loads a potential; if not, the Jacobian is not symmetric.
+    dead
+        Whether all loads are dead, that is, keep size and direction. Then the Jacobian is the tangent of an energy.
+    constant_tangent
+        Whether the Jacobian is the same at all displacements and times: linear terms under dead loads.
+    quartic
+        Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not.
+    resists_inversion
+        Whether a term resists the inversion of elements, as `VolumePenalty` does.
+    removed, bare
+        Ids of the removed elements, see `without`, and of nodes that have lost all their elements, ascending.
+    made_from, made_of
+        Mesh or points from which the system was built, and its other arguments by name, as passed in.
     units
         The system of units.
-    remarked
-        Whether the remarks of `implausible` were made already, so that headers of runs leave them out.
 
     Raises
     ------
     MeshError, MaterialError, RegionError, LoadError, SupportError
         if mesh, terms, loads or supports are invalid for an elastic body, before any computation, with ids.
+
+    Notes
+    -----
+    Arguments that methods share:
+
+    - `u`: (ndofs,) displacements [m].
+    - `t`: load factor in statics, time [s] in motions; or a `Moment`, which has the history of a step as well.
+    - `out`: matrix that the method returned before, which is overwritten; by default K is a new matrix.
+    - `free`: result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements
+      contribute, this part is assembled directly.
+    - `kept`: tensions of edges that enter K. `TENSILE` and `NONE` of `skfem_stvk.edges` omit all parts that can make K indefinite,
+      including that of the pressure of a `VolumePenalty`. Then K is positive semi-definite, apart from the loads.
+
+    Methods raise StateError if `u` or another vector does not have one finite entry for each degree of freedom, or is so large that
+    the result overflows; or if `t` is not finite. They raise StvkError if `out` has another pattern.
 
     Examples
     --------
@@ -145,12 +178,12 @@ class System(BoundTerms):
         dtype: DTypeLike = np.float64,
         units: str = "SI",
     ) -> None:
-        self.units, self.remarked = UNITS[choice("units", units, UNITS)], False
+        self.units = UNITS[choice("units", units, UNITS)]
         own = {"quadrature": quadrature, "hourglass": hourglass, "dtype": dtype, "units": units}
-        self._made_of: dict[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
+        self.made_of: Mapping[str, Any] = frozen({"terms": terms, "fixed": fixed, "prescribed": prescribed}) | own
         double = _float_type(dtype) == np.float64
         found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
-        mesh, self._made_from = found.mesh, found.source
+        mesh, self.made_from = found.mesh, found.source
         rule = checked_quadrature(mesh, quadrature, hourglass)
         check_mesh(mesh, found.beside, in_parts=any(isinstance(term, MeshContact) for term in found.terms))
         if not double:
@@ -208,7 +241,7 @@ class System(BoundTerms):
         refuse_divided(
             self.space.comm, "System.without(elements)", "all elements", "parts do not exchange which nodes lose elements."
         )
-        ids = self.elements_to_remove(elements)
+        ids = elements_to_remove(self, elements)
         if not len(ids):
             return self
         self._refuse_terms_without_removal()
@@ -224,30 +257,24 @@ class System(BoundTerms):
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
         whole = self._bare or BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
         super()._remove_elements(elements)
-        for name in ("grounded", "reaction_shares"):
-            self.__dict__.pop(name, None)
+        self.__dict__.pop("grounded", None)
         self._bare = BareDiagonal(whole.stiffness, self.bare)
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
     def for_analysis(self: SystemType, in_time: bool) -> SystemType:
-        """Return the body with terms of its own where their state belongs to one analysis: history, contacts; otherwise itself.
+        """Return the body for one analysis, with pairs of nodes of its own where contacts couple others as it moves; or itself.
 
         Parameters
         ----------
         in_time
             Whether the analysis is a motion in time; otherwise it is a path of equilibria.
         """
-        if not self._with_history and not self.contacts:
-            return self
-
-        def begun(term: Any) -> Any:
-            if term.has_history:
-                return term.with_new_history(in_time)
-            return copy(term) if isinstance(term, HasContact) else term
-
-        other = copy(self)
         with self.units.of_errors():
-            other._replace_bound(*([begun(term) for term in terms] for terms in (self.bound_terms, self.bound_loads)))
+            terms = [term.for_analysis(in_time) for term in self.bound_terms]
+        if all(one is term for one, term in zip(terms, self.bound_terms, strict=True)):
+            return self
+        other = copy(self)
+        other._replace_bound(terms, self.bound_loads)
         other._masses = {kind: mass.of(other, other.body) for kind, mass in self._masses.items()}
         return other
 
@@ -273,19 +300,6 @@ class System(BoundTerms):
         self._follower_loads = [blocks.with_term(load) for blocks, load in followers]
         self._operator = None
 
-    @property
-    def made_from(self) -> MeshLike:
-        """Mesh or points from which the system was built; terms may have added simplices of their own."""
-        return self._made_from
-
-    @property
-    def made_of(self) -> Mapping[str, Any]:
-        """Arguments of the system other than the mesh, as passed in.
-
-        The keys are `terms`, `fixed`, `prescribed`, `quadrature`, `hourglass`, `dtype` and `units`.
-        """
-        return MappingProxyType(self._made_of)
-
     def _bound_follower_loads(self) -> list[BoundLoad]:
         return [load for load in self.bound_loads if not load.dead]
 
@@ -296,179 +310,109 @@ class System(BoundTerms):
         ----------
         u
             (ndofs,) displacements [m]; those of the supports are overwritten.
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
         """
         u[self.supports.held] = self.supports.values(t)
         return u
-
-    @property
-    def ndofs(self) -> int:
-        """Number of degrees of freedom, `d * nv`."""
-        return self.mesh.p.size
 
     @property
     def pattern_version(self) -> int:
         """Number of changes of the node couplings by terms; data computed for a pattern are valid for one version."""
         return sum(term.pattern_version for term in self._with_changing_pairs)
 
-    def look(self, u: ArrayLike) -> None:
+    def look(self, u: ArrayLike, t: Time = 0.0) -> None:
         """Let terms whose pairs follow the body, such as contacts, couple those of the tangent at displacements `u`.
 
         `tangent`, `linearize` and `jacobian` call it. Data that depend on `pattern_version` may have to be made again.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
         """
         if self._with_changing_pairs:
-            self._look(self._state(u))
-
-    def _look(self, x: Array) -> None:
-        """Let the terms whose pairs follow the body couple those that their stiffness at `x` (nv, d) contains."""
-        for term in self._with_changing_pairs:
-            term.look(x)
+            x = self._state(u)
+            for term in self.terms_at(t):
+                term.look(x)
 
     @property
-    @locked
     def pattern(self) -> Pattern:
         """Pattern of every K of this system, unless a term changes the nodes it couples; created on first use."""
-        version = self.pattern_version
-        if self._pattern is None or self._pattern.version != version:
-            pairs = [term.nodes_paired for term in self.bound_terms]
-            pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
-            self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
-        return self._pattern
+        with self._lock:
+            version = self.pattern_version
+            if self._pattern is None or self._pattern.version != version:
+                pairs = [term.nodes_paired for term in self.bound_terms]
+                pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
+                self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
+            return self._pattern
 
-    @locked
     def _rows(self) -> tuple[list[Any], list[Rows]]:
         """Return the indices of the blocks of terms and loads in the values of K, cached for each version of the pattern."""
-        pattern = self.pattern
-        if self._row_cache is None or self._row_cache[0] != pattern.version:
-            terms = [term.rows(pattern) for term in self.pair_terms]
-            self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
-        return self._row_cache[1:]
+        with self._lock:
+            pattern = self.pattern
+            if self._row_cache is None or self._row_cache[0] != pattern.version:
+                terms = [term.rows(pattern) for term in self.pair_terms]
+                self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
+            return self._row_cache[1:]
 
-    def energy(self, u: ArrayLike) -> float:
+    def energy(self, u: ArrayLike, t: Time = 0.0) -> float:
         """Return the strain energy `W(u)` [J].
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
 
         Raises
         ------
         StvkError
             if a term has no energy, such as `Corotated(rotation="vertex")`.
-        StateError
-            if `u` does not have one finite entry for each degree of freedom, or is so large that the result overflows.
         """
         self._refuse_without_energy()
-        return sum(self.elastic_energies(u))
+        return sum(self.elastic_energies(u, t))
 
-    def internal_force(self, u: ArrayLike) -> Array:
-        """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+    def internal_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
+        """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`."""
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype)
-        return self._energy_and_force(u, force, check_energy=False)[1].ravel()
+        return self._energy_and_force(u, t, force, check_energy=False)[1].ravel()
 
-    def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
+    def energy_and_force(self, u: ArrayLike, out: Array | None = None, t: Time = 0.0) -> tuple[float, Array]:
         """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
 
         Parameters
         ----------
-        u
-            (ndofs,) displacements [m].
         out
             Array (ndofs,) to which F is written; by default a new array.
 
         Raises
         ------
-        StateError
-            as `energy`.
         StvkError
             as `energy`, and if `out` is not a contiguous array of floats of that shape.
         """
         self._refuse_without_energy()
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype) if out is None else array_to_fill(self.mesh, out)
-        energy, force = self._energy_and_force(u, force)
+        energy, force = self._energy_and_force(u, t, force)
         return energy, force.reshape(-1) if out is None else out
 
-    @locked
-    def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None) -> csr_matrix:
+    def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None, t: Time = 0.0) -> csr_matrix:
         """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m].
 
         The pattern is always the same, unless a `MeshContact` couples other nodes, and zeros are stored.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        out
-            Matrix that this method returned before, which is overwritten; by default K is a new matrix.
-        free
-            Result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements contribute,
-            this part is assembled directly.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        StvkError
-            if `out` has another pattern.
         """
         x = self._state(u)
-        self._look(x)
-        if free is not None:
-            return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
-        K, rows_of_terms = self._matrix(out, self.pattern), self._rows()[0]
-        self.space.comm.together(self._fill, x, K.data, rows_of_terms, None)
+        with self._lock:
+            self.look(u, t)
+            K, rows_of_terms = self._to_fill(out, ALL, free)
+            if rows_of_terms is None:
+                assert free is not None
+                self._whole = self.tangent(u, self._last_whole(), t=t)
+                return free.matrix(self._whole, K)
+            with self.space.comm.together():
+                self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, free=free)
         return K
 
     @locked
-    def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
+    def linearize(self, u: ArrayLike, out: csr_matrix | None = None, *, t: Time = 0.0) -> tuple[float, Array, csr_matrix]:
         """Return `W(u)` [J], `F(u)` (ndofs,) [N] and `K(u)` (ndofs, ndofs) [N/m] from one pass over the elements.
 
         The cost is little more than that of K.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        out
-            Matrix that is overwritten with K, as in `tangent`; by default K is a new matrix.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        StvkError
-            as `energy`, and if `out` has another pattern.
         """
         self._refuse_without_energy()
         x = self._state(u)
-        self._look(x)
+        self.look(u, t)
         K, rows_of_terms, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
 
         def of_part() -> float:
-            energy = self._fill(x, K.data, rows_of_terms, force)
+            energy = self._fill(self.pairs_at(t), x, K.data, rows_of_terms, force)
             refuse_overflow(energy, "W", x)
             refuse_overflow(force, "F", x)
             return energy
@@ -476,7 +420,7 @@ class System(BoundTerms):
         return self.space.comm.sum_of(of_part), self.space.share(force).ravel(), K
 
     @locked
-    def product(self, u: ArrayLike, v: ArrayLike) -> Array:
+    def product(self, u: ArrayLike, v: ArrayLike, t: Time = 0.0) -> Array:
         """Return `K(u) v` (ndofs,) [N], without forming K.
 
         The first product at a `u` prepares data that further products at this `u` reuse. These take less time than one with an
@@ -484,39 +428,21 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        u
-            (ndofs,) displacements [m].
         v
             (ndofs,) vector that K is multiplied with [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`, for `v` too.
         """
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
-            self._operator = self.linear_operator(u)
-        elif self.space.comm.any(not self._operator.is_at(x)) or any(term.takes_time for term in self.bound_terms):
-            self._operator.prepare(u)
+            self._operator = self.linear_operator(u, t=t)
+        elif self.space.comm.any(not self._operator.is_at(x)) or self._changing:
+            self._operator.prepare(u, t=t)
         product = self._operator.matvec(y)
-        self.space.comm.together(refuse_overflow, product, "K v", x)
+        with self.space.comm.together():
+            refuse_overflow(product, "K v", x)
         return product
 
-    def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
+    def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL, t: Time = 0.0) -> TangentOperator:
         """Return the operator `v -> K(u) v` for `scipy.sparse.linalg`, with its own data.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        kept
-            Tensions of edges that enter K, as in `jacobian`.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
 
         Examples
         --------
@@ -528,57 +454,35 @@ class System(BoundTerms):
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self.mesh, self.pair_terms, u, self.dtype, _checked_tensions(kept))
+        return TangentOperator(self.mesh, self.pairs_at, u, self.dtype, _checked_tensions(kept), t)
 
     @locked
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
-        Methods with the argument `t` set terms that depend on it, such as user-supplied frames and moving shapes, to their values
-        at `t`.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
 
         Raises
         ------
-        StateError
-            as `energy`, for `t` too.
         LoadError
             if a load's function does not return finite values.
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
 
-        def of_part() -> None:
+        with self.space.comm.together():
             for load in self.bound_loads:
                 load.add_force(x, moment, force)
             refuse_overflow(force, "The external force", x)
-
-        self.space.comm.together(of_part)
         return self.space.share(force).ravel()
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
         """Return the total potential energy `W(u) + sum of the loads' potentials` [J]; its gradient is the residual.
 
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
-
         Raises
         ------
-        StateError, StvkError
-            as `energy` and `external_force`.
         LoadError
             as `external_force`, and if a load has no potential, such as follower pressure.
         """
-        moment, energy = self._moment(t), self.energy(u)
+        moment, energy = self._moment(t), self.energy(u, t)
         loads = zip(self.loads, self.bound_loads, strict=True)
         without = [type(load).__name__ for load, bound in loads if not bound.has_potential]
         if without:
@@ -590,77 +494,37 @@ class System(BoundTerms):
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the residual `F(u) - f_ext(u, t)` (ndofs,) [N]; in equilibrium only the reactions at the supports are not zero.
 
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
-
         Raises
         ------
-        StateError
-            as `energy`.
         LoadError
             as `external_force`.
         """
         loads = self.external_force(u, t)
-        return self.internal_force(u) - loads
+        return self.internal_force(u, t) - loads
 
-    @locked
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
-        """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m].
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
-        out
-            Matrix that this method returned before, which is overwritten; by default K is a new matrix.
-        kept
-            Tensions of edges that enter K. `TENSILE` and `NONE` of `skfem_stvk.edges` omit all parts that can make K indefinite,
-            including that of the pressure of a `VolumePenalty`. Then K is positive semi-definite, apart from the loads.
-        free
-            Result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements contribute,
-            this part is assembled directly.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        StvkError
-            if `out` has another pattern.
-        """
-        moment, factors, x = self._moment(t), _checked_tensions(kept), self._state(u)
-        self._look(x)
-        if free is not None:
-            return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
-        K, (rows_of_terms, of_loads) = self._matrix(out, self.pattern), self._rows()
-        self.space.comm.together(self._fill, x, K.data, rows_of_terms, None, factors)
-        for load, rows in zip(self._follower_loads, of_loads, strict=True):
-            load.add_stiffness(x, moment, rows, K.data)
+        """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]."""
+        factors, x = _checked_tensions(kept), self._state(u)
+        with self._lock:
+            moment = self._moment(t)
+            self.look(u, t)
+            K, rows_of_terms = self._to_fill(out, factors, free)
+            if rows_of_terms is None:
+                assert free is not None
+                self._whole = self.jacobian(u, t, self._last_whole(), kept=kept)
+                return free.matrix(self._whole, K)
+            with self.space.comm.together():
+                self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, factors, free=free)
+            for load, rows in zip(self._follower_loads, self._rows()[1], strict=True):
+                load.add_stiffness(x, moment, rows, K.data)
         return K
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
         """Return `-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead.
 
         Return None if there are none.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
-
-        Raises
-        ------
-        StateError, StvkError
-            as `jacobian`.
         """
         x, moment = self._state(u), self._moment(t)
         conservative = [load for load in self._follower_loads if load.term.symmetric]
@@ -676,43 +540,22 @@ class System(BoundTerms):
         """Return the energy [J] by term: strain energies, and potentials of the loads that have one.
 
         Terms are named by type and number. An elastic term without an energy has NaN.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Load factor in statics, time [s] in motions; or a `Moment`.
         """
         x, moment = self._state(u), self._moment(t)
-        elastic = iter(self.elastic_energies(u))
+        elastic = iter(self.elastic_energies(u, t))
         loads = iter(
             [self.space.comm.total(load.potential(x, moment)) if load.has_potential else None for load in self.bound_loads]
         )
         values = {name: next(loads if is_load(term) else elastic) for name, term in self._named}
         return {name: value for name, value in values.items() if value is not None}
 
-    def elastic_energies(self, u: ArrayLike) -> list[float]:
-        """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
-
-        def of_part() -> Array:
+    def elastic_energies(self, u: ArrayLike, t: Time = 0.0) -> list[float]:
+        """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy."""
+        with self.space.comm.together():
             x = by_vertex(self.mesh, u)
-            energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
-            refuse_overflow(sum(energies), "W", x)
-            return np.array(energies, dtype=np.float64)
-
-        energies = self.space.comm.total(self.space.comm.together(of_part)).tolist()
+            of_part = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.terms_at(t)]
+            refuse_overflow(sum(of_part), "W", x)
+        energies = self.space.comm.total(np.array(of_part, dtype=np.float64)).tolist()
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
     @locked
@@ -741,70 +584,22 @@ class System(BoundTerms):
         """Degrees of freedom that foundations tie to the ground, ascending."""
         return self.space.union(grounded_dofs(self.bound_terms), self.ndofs)
 
-    @cached_property
-    def reaction_shares(self) -> tuple[dict[str, list[tuple[Any, NDArray[np.int64]]]], Array]:
-        """Degrees of freedom whose reactions belong to a support, and how many supports (ndofs,) each belongs to.
-
-        They are listed with the location of the support, by its words. The force of a foundation belongs to the supports at a node,
-        and to the foundation where there are none.
-        """
-        d, counts = self.mesh.d, np.zeros(self.ndofs)
-        found: dict[str, list[tuple[Any, NDArray[np.int64]]]] = defaultdict(list)
-
-        def add(where: Any, dofs: NDArray[np.int64]) -> None:
-            found[describe(where)].append((where, dofs))
-            counts[dofs] += 1
-
-        tied = np.setdiff1d(self.grounded, self.supports.held)
-        for where, dofs in self.supports.entries:
-            add(where, np.concatenate([dofs, tied[np.isin(tied // d, dofs // d)]]))
-        alone = tied[counts[tied] == 0]
-        for term in self.foundations:
-            add(term.where, np.intersect1d(alone, self.space.union(term.grounded, self.ndofs)))
-        return found, counts
-
     def foundation_force(self, u: ArrayLike) -> Array:
-        """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force."""
         return self._force_on_body(self.foundations, u, "The force of foundations")
 
-    def contact_force(self, u: ArrayLike) -> Array:
-        """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
-        return self._force_on_body(self.contacts, u, "The force of contacts")
+    def contact_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
+        """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force."""
+        return self._force_on_body(self.contacts_at(t), u, "The force of contacts")
 
     def _force_on_body(self, terms: Sequence[Any], u: ArrayLike, name: str) -> Array:
         """Return minus the internal force (ndofs,) [N] of some terms."""
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in terms:
             term.energy_and_force(x, force)
-        self.space.comm.together(refuse_overflow, force, name, x)
+        with self.space.comm.together():
+            refuse_overflow(force, name, x)
         return -self.space.share(force).ravel()
-
-    @property
-    def quartic(self) -> bool:
-        """Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not."""
-        return all(term.quartic for term in self.bound_terms)
 
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
         """Return the coefficients (5,) of the strain energy [J] along `u + s v`, which are exact.
@@ -815,15 +610,11 @@ class System(BoundTerms):
 
         Parameters
         ----------
-        u
-            (ndofs,) displacements [m].
         v
             (ndofs,) direction [m].
 
         Raises
         ------
-        StateError
-            as `energy`, for `v` too.
         StvkError
             if the energy is not a quartic, see `quartic`.
         """
@@ -831,40 +622,28 @@ class System(BoundTerms):
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
 
-        def of_part() -> Array:
+        coefficients = np.zeros(5)
+        with self.space.comm.together():
             x, y = by_vertex(self.mesh, u), by_vertex(self.mesh, v, "v")
-            coefficients: Array = sum((term.along(x, y) for term in self.bound_terms), np.zeros(5))
+            for term in self.bound_terms:
+                coefficients = coefficients + term.along(x, y)
             refuse_overflow(coefficients, "W along a line", x)
-            return coefficients
+        return self.space.comm.total(coefficients)
 
-        return self.space.comm.total(self.space.comm.together(of_part))
-
-    def round_off(self, u: ArrayLike) -> Array:
+    def round_off(self, u: ArrayLike, t: Time = 0.0) -> Array:
         """Return the sums (ndofs,) of the absolute values of all contributions to `F(u)` [N].
 
         The sums times eps estimate the round-off of F. The round-off of the displacements is included, because no `u` can be more
         precise.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-
-        Raises
-        ------
-        StateError
-            as `internal_force`.
         """
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
 
-        def of_part() -> None:
-            for term in self.bound_terms:
+        with self.space.comm.together():
+            for term in self.terms_at(t):
                 term.add_round_off(x, sums)
-
-        self.space.comm.together(of_part)
         return self.space.share(sums).ravel()
 
-    def check_held(self, u: ArrayLike | None = None) -> None:
+    def check_held(self, u: ArrayLike | None = None, t: Time = 0.0) -> None:
         """Check that supports, foundations and contacts leave the body no motion without strain.
 
         Parameters
@@ -887,7 +666,7 @@ class System(BoundTerms):
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
         x, touching = self._state(np.zeros(self.ndofs) if u is None else u), None
         if self.contacts:
-            nodes, directions = zip(*(contact.held_directions(x) for contact in self.contacts), strict=True)
+            nodes, directions = zip(*(contact.held_directions(x) for contact in self.contacts_at(t)), strict=True)
             touching = np.concatenate(nodes), np.concatenate(directions)
         constrained = np.union1d(self.supports.held, stay)
         check_held(self.mesh, self.bound_terms, constrained, solid & ~self.body.removed, touching)
@@ -940,12 +719,6 @@ class System(BoundTerms):
         parts["mass"] = sum(mass.memory() for mass in self._masses.values())
         return parts
 
-    def _moment(self, t: Time) -> Moment:
-        """Return the moment of load factor or time `t`; set all terms that change with time to `t`."""
-        moment = Moment.checked(t)
-        set_time(self.bound_terms, moment)
-        return moment
-
     def _refuse_without_energy(self) -> None:
         """Raise StvkError if some terms have no energy."""
         if self.without_energy:
@@ -954,15 +727,15 @@ class System(BoundTerms):
                 "Use internal_force(u) and tangent(u)."
             )
 
-    def _energy_and_force(self, u: ArrayLike, force: Array, check_energy: bool = True) -> tuple[float, Array]:
+    def _energy_and_force(self, u: ArrayLike, t: Time, force: Array, check_energy: bool = True) -> tuple[float, Array]:
         """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if `check_energy`."""
-        return self.space.comm.sum_of(self._energy_of_part, u, force, check_energy), self.space.share(force)
+        return self.space.comm.sum_of(self._energy_of_part, u, t, force, check_energy), self.space.share(force)
 
-    def _energy_of_part(self, u: ArrayLike, force: Array, check_energy: bool) -> float:
+    def _energy_of_part(self, u: ArrayLike, t: Time, force: Array, check_energy: bool) -> float:
         """Return W of one part of a divided body, and its F in `force`."""
         x = by_vertex(self.mesh, u)
         force[:] = 0
-        energy = float(sum(term.energy_and_force(x, force) for term in self.bound_terms))
+        energy = float(sum(term.energy_and_force(x, force) for term in self.terms_at(t)))
         if check_energy:
             refuse_overflow(energy, "W", x)
         refuse_overflow(force, "F", x)
@@ -980,6 +753,7 @@ class System(BoundTerms):
 
     def _fill(
         self,
+        terms: Sequence[PairTerm],
         x: Array,
         data: Array,
         rows_of_terms: Sequence[Any],
@@ -990,10 +764,14 @@ class System(BoundTerms):
     ) -> float:
         """Fill the values of K of one part of a divided body, or of K over the `free` degrees of freedom; return the energy.
 
-        `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
+        `terms` are those of `pairs_at`, and `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
         """
-        every = [(*kept.of(term), term, rows) for term, rows in zip(self.pair_terms, rows_of_terms, strict=True)]
-        every.sort(key=lambda one: one[0] == 1)  # terms with edge damping first, because their factor multiplies all values so far
+        damped: list[tuple[float, Tensions, Any, Any]] = []
+        others: list[tuple[float, Tensions, Any, Any]] = []
+        for term, rows in zip(terms, rows_of_terms, strict=True):
+            factor, own = kept.of(term)
+            (others if factor == 1 else damped).append((factor, own, term, rows))
+        every = damped + others  # terms with edge damping first, because their factor multiplies all values so far
         add = self.mesh.d**2 * every[0][3].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
@@ -1012,27 +790,29 @@ class System(BoundTerms):
             self._bare.write(self.pattern, data, free)
         return energy
 
-    def _free_part(
-        self, x: Array, free: FreeDofs, out: csr_matrix | None, kept: Tensions, make: Callable[[csr_matrix | None], csr_matrix]
-    ) -> csr_matrix:
-        """Return K over the free degrees of freedom.
+    def _to_fill(self, out: csr_matrix | None, kept: Tensions, free: FreeDofs | None) -> tuple[csr_matrix, list[Any] | None]:
+        """Return the matrix that is filled, and the indices of the blocks of terms in its values.
 
-        It is assembled directly if all contributions support this. Otherwise it is a part of the whole K, from `make`.
+        K over the `free` degrees of freedom is filled directly if all contributions support this. Otherwise the indices are None,
+        and it is a part of the whole K.
         """
+        if free is None:
+            return self._matrix(out, self.pattern), self._rows()[0]
         if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
             raise StvkError(
                 f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has another "
                 "pattern."
             )
-        K, indices = self._matrix(out, free.structure), free.value_indices
-        if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
-            rows_of_terms = [rows.part(indices) for rows in self._rows()[0]]
-            self.space.comm.together(lambda: self._fill(x, K.data, rows_of_terms, None, kept, free=free))
-            return K
-        with self._lock:
-            whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
-            self._whole = make(whole)
-            return free.matrix(self._whole, K)
+        structure, indices = free.restriction()
+        K = self._matrix(out, structure)
+        for term in self.pair_terms:
+            if not term.by_rows(kept):
+                return K, None
+        return K, None if self._follower_loads else [rows.part(indices) for rows in self._rows()[0]]
+
+    def _last_whole(self) -> csr_matrix | None:
+        """Return the whole K that was assembled last for a part of it, to be overwritten; None if there is none."""
+        return self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
 
     def implausible(self) -> list[str]:
         """Return, in a sentence each, the Young's moduli that are implausible in the units of the system.

@@ -107,9 +107,6 @@ def _solve(options: argparse.Namespace, comm: Any) -> int:
     begin = time.perf_counter()
     changed = [*options.set, *([f"threads={options.threads}"] if options.threads is not None else [])]
     scene = Scene.read(options.scene, changed, comm)
-    notes = console(stderr=True)
-    for text in scene.implausible():
-        notes.print(f"[yellow]note[/] {printable(text)}", soft_wrap=True)
     out = Path(options.out) if options.out is not None else scene.folder_of_results
     built = time.perf_counter()
     outcome = scene.solve(out, resume=options.resume, force=options.force, quiet=options.quiet)
@@ -120,7 +117,7 @@ def _solve(options: argparse.Namespace, comm: Any) -> int:
         launcher = [] if comm is None else ["mpiexec", "-n", str(comm.size)]
         again = shlex.join([*launcher, "skfem-stvk", "solve", options.scene, *settings, "--out", str(out), "--resume"])
         text = f"{outcome.message.rstrip('.')}. Results so far are in {out}; continue with: {again}"
-        notes.print(f"[yellow]interrupted[/] {printable(text)}", soft_wrap=True)
+        console(stderr=True).print(f"[yellow]interrupted[/] {printable(text)}", soft_wrap=True)
     return outcome.exit_code
 
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...arguments import Array, own, real_array, shown, whole
 from ...errors import StvkError, name_ids
 from ...results import Fields, State
+from ...system.bound import elements_to_remove
 from .motion import Motion
 from .record import RunRecord
 
@@ -121,13 +122,13 @@ class Removal:
         state, rule, system = record.state, self._rule, self._motion.system
         if not isinstance(rule, PrincipalStressLimit):
             found = rule(state.t, state.u.copy())
-            return system.elements_to_remove([] if found is None else found)
+            return elements_to_remove(system, [] if found is None else found)
         if record.steps % rule.every:
             return np.empty(0, dtype=np.int64)
         if self._fields is None:
             self._fields = Fields.of(system)
         self._fields.leave_out(system.removed)
-        return system.elements_to_remove(rule.above(self._fields.at(state.u, state.v)))
+        return elements_to_remove(system, rule.above(self._fields.at(state.u, state.v)))
 
 
 def removal_text(removed: NDArray[np.int64], removed_at: Array) -> str:

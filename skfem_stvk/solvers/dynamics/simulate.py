@@ -18,7 +18,6 @@ from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike, checked_system
 from ...terms.loads.load import Moment
-from ...terms.protocols import set_time
 from ..runs.ledger import Ledger
 from ..runs.outputs import OutputFiles
 from .damping import Damping
@@ -245,9 +244,9 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
             "ramp. Prescribe a function of t that starts at u0, or start from an equilibrium: u0=solve_static(...).u."
         )
         raise SupportError(system.units.text(text))
-    set_time(system.bound_terms, moment)
     with system.units.of_errors():
-        system.refuse_start(u)
+        for contact in system.contacts_at(moment):
+            contact.refuse_start(u.reshape(-1, mesh.d))
     body = motion.body
     if isinstance(body, Coordinates):
         u, v = body.state(u, moment), body.state(v, moment)

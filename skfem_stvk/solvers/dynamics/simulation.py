@@ -20,6 +20,7 @@ from ...mesh.locations import Where, vertices_at
 from ...results.contact_forces import ContactState, contact_state
 from ...results.reactions import ReactionPlace
 from ...system import System
+from ...system.bound import elements_to_remove
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike
@@ -449,7 +450,7 @@ class Simulation:
         motion, record = self._motion, self._record
         if isinstance(motion.body, Coordinates):
             raise StvkError("remove(...): a reduced system is made of all its elements; expected a Simulation of a System.")
-        ids = motion.system.elements_to_remove(elements)
+        ids = elements_to_remove(motion.system, elements)
         if not len(ids):
             return
         if self._writer is not None and REMOVED not in self._writer.ledger:

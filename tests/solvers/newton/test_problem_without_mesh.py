@@ -127,10 +127,10 @@ class Wells:
     def step_limit(self, u, v):
         return np.inf
 
-    def contact_limit(self, u, v):
+    def contact_limit(self, u, v, t):
         return np.inf, ""
 
-    def way_is_free(self, u, found):
+    def way_is_free(self, u, found, t):
         return True
 
     def inside_out(self, u):
