@@ -13,6 +13,7 @@ from .laws.neo_hookean import NeoHookean
 from .laws.spring_network import SpringNetwork
 from .laws.stvk import StVK
 from .laws.volume_penalty import VolumePenalty
+from .loads.bound_contact import BoundContact
 from .loads.dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .loads.foundation import ElasticFoundation
 from .loads.friction import Friction
@@ -24,8 +25,6 @@ from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .loads.times import Ramp, Sine, Table
 from .protocols import (
     Deformation,
-    DoesWork,
-    HasContact,
     HasPressure,
     HasResponse,
     HasStress,
@@ -60,17 +59,16 @@ __all__ = [
     "TERMS",
     "Body",
     "BodyForce",
+    "BoundContact",
     "BoundElements",
     "BoundLoad",
     "BoundTerm",
     "Corotated",
     "Deformation",
-    "DoesWork",
     "EdgeNetwork",
     "ElasticFoundation",
     "Friction",
     "Gravity",
-    "HasContact",
     "HasPressure",
     "HasResponse",
     "HasStress",

@@ -14,6 +14,7 @@ from skfem_stvk.solvers.dynamics.ledger_rows import LedgerLocations, LedgerWrite
 from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MOST, MotionState
 from skfem_stvk.solvers.runs.ledger import Ledger
+from skfem_stvk.terms.loads.load import Time
 
 from ..statics.study import Study
 from .scenes import Array, reached
@@ -47,16 +48,16 @@ class Interleaved(System):
         self.times: list[tuple[float, float]] = []
         self._forces, self._since = 0, clock()
 
-    def energy_and_force(self, u: ArrayLike, out: NDArray[Any] | None = None) -> tuple[float, NDArray[Any]]:
+    def energy_and_force(self, u: ArrayLike, out: NDArray[Any] | None = None, t: Time = 0.0) -> tuple[float, NDArray[Any]]:
         if self._forces % BLOCK == 0:
             begin = clock()
             for _ in range(BLOCK):
-                super().energy_and_force(u, out)
+                super().energy_and_force(u, out, t)
             end = clock()
             self.times.append((begin - self._since, end - begin))
             self._since = end
         self._forces += 1
-        return super().energy_and_force(u, out)
+        return super().energy_and_force(u, out, t)
 
 
 def explicit_cost(quick: bool) -> Study:

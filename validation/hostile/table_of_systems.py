@@ -96,7 +96,6 @@ def calls() -> list[Call]:
         call("ReducedSystem.energy_along", reduced.energy_along, time, q=q, v=q[::-1].copy(), t=0.5),
         call("ReducedSystem.coordinates", reduced.coordinates, time, u=u, t=0.5),
         call("ReducedSystem.amounts", reduced.amounts, time, t=0.5),
-        call("System.compressed", body.compressed, {"below": NUMBER | {"inf"}}, u=u, below=0.5),
         call("System.mass", body.mass, {}, {"kind": "mass|kind"}, kind="consistent"),
         call(
             "System.free_dofs",

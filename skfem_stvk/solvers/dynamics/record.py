@@ -210,7 +210,7 @@ class RunRecord(Snapshot):
     @classmethod
     def at(cls, state: MotionState, ledger: Ledger, body: Any) -> RunRecord:
         """Return the record of a run that begins with this state of the body."""
-        return cls(state, Clock(state.t, 0.0), Reviews(), 0, 0, body.history(), ledger)
+        return cls(state, Clock(state.t, 0.0), Reviews(), 0, 0, body.first_history(), ledger)
 
     def add_removed(self, elements: Ids, t: float) -> None:
         """Record that elements were removed at this time. The last good state is never older than the last removal."""

@@ -106,7 +106,7 @@ class Corotated(ElasticLaw):
         """
         bound, mesh = super().bind(body, dtype), body.mesh if isinstance(body, Body) else body
         if callable(self.rotation):
-            bound.at(0.0)
+            bound = bound.at(0.0, None)
         if self.rotation != "vertex":
             return bound
         if mesh.k < 2 or mesh.k < mesh.d:

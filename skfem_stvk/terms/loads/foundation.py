@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -106,11 +105,7 @@ class Bedding(BoundTerm):
     def __init__(self, body: Body, where: Where, facets: NDArray[np.int32], stiffness: Array, dtype: DTypeLike) -> None:
         self.where = where
         self._k, self._body, self._facets, self._dtype = stiffness, body, facets, dtype
-        self._set_areas(body)
-
-    def _set_areas(self, body: Body) -> None:
-        """Use the areas of the facets of a body."""
-        spread = Spread(body.mesh, body.facet, self._facets, body.facet_areas(self._facets))
+        spread = Spread(body.mesh, body.facet, facets, body.facet_areas(facets))
         self.nodes = spread.vertices
         local, self._between, self._own = _masses(spread, self._dtype)
         self.nodes_paired = spread.vertices[local].astype(np.int32)
@@ -122,9 +117,7 @@ class Bedding(BoundTerm):
 
     def without(self, removed: NDArray[np.bool_]) -> Bedding:
         """Return the foundation without the facets whose elements are all removed, `removed` (nt,); the pairs stay, with zeros."""
-        other = copy(self)
-        other._set_areas(self._body.without(removed, self._body.bare))
-        return other
+        return Bedding(self._body.without(removed, self._body.bare), self.where, self._facets, self._k, self._dtype)
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the energy [J] at `u` (nv, d); add the force on the springs [N] to `force` (nv, d)."""
