@@ -232,7 +232,7 @@ FAULTS = {
         End.INSIDE_OUT,
     ),
     "a contact limit far below one": (
-        lambda: faulty(contact_limit=lambda u, v: (1e-4, "floor")),
+        lambda: faulty(contact_limit=lambda u, v, t: (1e-4, "floor")),
         {"full_first": False},
         End.CONTACT,
     ),
