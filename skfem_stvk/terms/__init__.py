@@ -24,16 +24,10 @@ from .loads.rigid_mesh import RigidMesh
 from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .loads.times import Ramp, Sine, Table
 from .protocols import (
-    Deformation,
-    HasPressure,
-    HasResponse,
-    HasStress,
-    HoldsShape,
     Load,
-    PointResponse,
-    Term,
     is_load,
 )
+from .term import Deformation, PointResponse, Term
 
 #: Terms that scenes know, by their `type`.
 TERMS: dict[str, Any] = {
@@ -69,10 +63,6 @@ __all__ = [
     "ElasticFoundation",
     "Friction",
     "Gravity",
-    "HasPressure",
-    "HasResponse",
-    "HasStress",
-    "HoldsShape",
     "InvertibleStVK",
     "LinearElastic",
     "Load",
