@@ -22,8 +22,7 @@ from ..arguments import path as checked_path
 from ..arguments import shown, whole
 from ..errors import AnalysisError, SceneError, StvkError, log
 from ..kernels.threads import threads
-from ..results.complete_files import content_of, replacing
-from ..results.one_writer import OneWriter
+from ..results.complete_files import OneWriter, content_of, replacing
 from ..solvers.newton.processes import Crashed, in_processes, is_worker_process
 from ..terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_AS_EXPECTED, NOT_PASSED, console, printable
 from ..units import UNITS

@@ -139,7 +139,7 @@ class System(BoundTerms):
     Arguments that methods share:
 
     - `u`: (ndofs,) displacements [m].
-    - `t`: load factor in statics, time [s] in motions; or a `Moment`.
+    - `t`: load factor in statics, time [s] in motions; or a `Moment`, which has the history of a step as well.
     - `out`: matrix that the method returned before, which is overwritten; by default K is a new matrix.
     - `free`: result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements
       contribute, this part is assembled directly.

@@ -312,7 +312,7 @@ def test_a_contact_that_changes_is_found(monkeypatch, method):
 
     def wrong(self, *given):
         if method == "at":
-            return vars(self).setdefault("_first", right(self, *given))
+            return vars(self).setdefault("_memo", right(self, *given))
         found = right(self, *given)
         given[0][:] = found
         return given[0]

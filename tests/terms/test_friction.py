@@ -31,6 +31,7 @@ from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MotionState
 from skfem_stvk.system.round_off import EPS
 from skfem_stvk.system.system import for_analysis
+from skfem_stvk.terms.loads.load import Moment, StepStart
 
 MU, G, SIZE, DENSITY = 0.3, 9.81, 0.1, 1e3
 MASS, FAR = DENSITY * SIZE**3, 1000.0
@@ -178,13 +179,14 @@ def test_the_round_off_of_friction_counts_displacements(contact):
         system = for_analysis(pair(friction=RUBBING, law=STIFF)[0], in_time=True)
         start = by_node(deformed(system)[0])
         u = start + 2e-7 * np.random.default_rng(2).normal(size=start.shape)
-    term, far = system.contacts[0], np.array([FAR / 3, 0, 0])
+    far = np.array([FAR / 3, 0, 0])
     near = friction_at(system, u, start)
     error = np.abs(friction_at(system, u + far, start + far) - near)
     sums, without = np.zeros((2, *u.shape))
-    term.add_round_off(u + far, sums)
-    term._width = 0.0
-    term.add_round_off(u + far, without)
+    history = system.advanced(system.first_history(), (start + far).ravel(), 0.0)
+    for t, out in ((1e-3, sums), (0.0, without)):
+        (term,) = system.contacts_at(Moment(t, 1.0, step=StepStart(history, in_time=True)))
+        term.add_round_off(u + far, out)
     if contact == "mesh":  # the barrier's own is larger far from the origin
         sums -= without
         without[:] = 0
@@ -199,7 +201,7 @@ def test_the_matrix_of_a_step_has_the_friction_of_its_equation(contact, name):
     integrator = NEWTON[name]
     motion = Motion(system, None, None)
     stepper, state = integrator.stepper(motion), MotionState.at(0.0, start.ravel(), 0 * start.ravel())
-    system.commit(state.u, motion.moment(0.0))
+    motion.begin_step(system.advanced(system.first_history(), state.u, motion.moment(0.0)))
     problem, moment = stepper.problem, motion.moment(1e-3)
     problem.begin(state, integrator.coefficients(state, 1e-3, stepper))
     w, v, h = (u - start).ravel(), np.random.default_rng(2).normal(size=u.size), 1e-10

@@ -10,6 +10,7 @@ from skfem_stvk import EnergyMomentum, StvkError, System, VelocityVerlet
 from skfem_stvk.solvers.dynamics.integrators.explicit import VelocityVerletStepper
 from skfem_stvk.terms.loads.mesh_contact import BoundMeshContact
 from skfem_stvk.terms.loads.rigid_contact import BoundRigidContact, RigidContactWithHistory
+from validation import limits
 from validation.fuzz import bodies, files, programs, solves, study
 
 CONTACTS = ("contacts", "contact programs", "contact solves", "contact motions")
@@ -138,7 +139,7 @@ def test_a_body_in_another_one_and_a_result_of_another_time_are_found(monkeypatc
     drawn = solves.motions(with_kind("two bodies", bodies.touching())).map(lambda one: replace(one, integrator=EnergyMomentum))
     assert "surfaces cross" in found(drawn, solves.check_motion)
     right = RigidContactWithHistory.at
-    monkeypatch.setattr(RigidContactWithHistory, "at", lambda one, *given: vars(one).setdefault("_first", right(one, *given)))
+    monkeypatch.setattr(RigidContactWithHistory, "at", lambda one, *given: vars(one).setdefault("_memo", right(one, *given)))
     drawn = programs.programs(with_kind("plane", bodies.touching(2)))
     assert "of a fresh system" in found(drawn, lambda drawn: programs.run_program(*drawn), 200)
 
@@ -159,14 +160,13 @@ def test_foreign_errors_and_errors_without_an_explanation_are_found(monkeypatch,
     assert "expected an explanation" in found(drawn, check)
 
 
-def test_an_endless_case_is_found(monkeypatch):
+def test_an_endless_case_is_found():
     def endless():
         while True:
             pass
 
-    monkeypatch.setattr(study, "LONGEST", 1)
-    with pytest.raises(study.Hang, match="no result within 1 s"):
-        study.limited(endless)
+    with pytest.raises(limits.Hang, match="no result within 1 s"):
+        limits.limited(endless, 1)
 
 
 def test_meshes_are_of_all_kinds():

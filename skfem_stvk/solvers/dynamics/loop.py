@@ -8,16 +8,15 @@ from ...errors import StateError, warn
 from ...linear.choose import header_text
 from ...results.complete_files import WriteError
 from ...results.monitors import Finding, Monitors
+from ...results.penetration import contact_findings, start_within
 from ...system.divided import parts_line
 from ...terms.loads.rigid_contact import BoundRigidContact
 from ...units import UnitSystem, remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
-from .contact_findings import contact_findings, start_within
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
 from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
-from .motion_outputs import Outputs
-from .motion_progress import MotionProgress
+from .motion_outputs import MotionProgress, Outputs
 from .options import Setup
 from .record import MotionState, RunRecord
 from .removal import Removal, removal_text

@@ -190,10 +190,7 @@ class Motion:
     @cached_property
     def constant_loads(self) -> Array | None:
         """Loads [N] if they depend neither on time nor on displacements, otherwise None."""
-        changing = any(
-            getattr(t, "does_work", False) or type(t).__name__ == "BoundInFrames" for t in self.system.bound_terms
-        )  # TEMPORARY
-        if changing or not all(load.steady and load.dead for load in self.system.bound_loads):
+        if not all(load.steady and load.dead for load in self.system.bound_loads):
             return None
         loads = self.body.external_force(np.zeros(self.states.n), self.moment(0.0))
         loads.flags.writeable = False

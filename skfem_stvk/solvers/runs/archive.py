@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...npz import Stored, arrays_of
-from ...results.complete_files import ForeignFile, in_all_parts, of_leader, replacing
-from ...results.one_writer import OneWriter
+from ...results.complete_files import ForeignFile, OneWriter, in_all_parts, of_leader, replacing
 from ...space import ONE_PROCESS, Space
 from ...system.signature import Fingerprint, Signature
 

@@ -35,7 +35,7 @@ REMEDY = "Pass the same arguments to resume it, or name another folder. overwrit
 
 
 @dataclass(frozen=True)
-class SavedState:
+class SavedStep:
     """Record of a file with one state: its number on the path, the state, and the next step of the continuation."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -45,7 +45,7 @@ class SavedState:
     next: LoadStepsState | ArcLengthState
 
 
-class PathCheckpoint(FolderStore[SavedState]):
+class PathCheckpoint(FolderStore[SavedStep]):
     """Folder with a file for each state of a path. A run that is killed loses no finished state.
 
     A resumed run finds its states in `steps`, and the state of the continuation after the last step in `saved`. Without `resume`,
@@ -54,7 +54,7 @@ class PathCheckpoint(FolderStore[SavedState]):
     In a divided body, each part has a file of its own for each state.
     """
 
-    known, name, schema = PATH, PATH_FILE, SavedState
+    known, name, schema = PATH, PATH_FILE, SavedStep
     remedy = "Remove it and all later states, and resume; or start again with overwrite=True and without resume."
 
     def __init__(self, folder: Path, system: System, problem: Fingerprint, output_files: OutputFiles) -> None:
@@ -83,7 +83,7 @@ class PathCheckpoint(FolderStore[SavedState]):
                 if self.comm.leads:
                     remove_file(self._old_files[-1])
                 self._old_files.pop()
-        self.write(self.numbered(self._count), SavedState(self._count, step, saved))
+        self.write(self.numbered(self._count), SavedStep(self._count, step, saved))
         self._count += 1
 
     def _load(self, files: list[Path]) -> None:
@@ -125,7 +125,7 @@ def _check_state(system: System, step: Step) -> None:
         raise ValueError(f"its strain energy is {step.strain_energy:g}; expected {energy:g}, the energy of its displacements")
 
 
-def _check_order(last: float, record: SavedState, options: dict[str, Any]) -> None:
+def _check_order(last: float, record: SavedStep, options: dict[str, Any]) -> None:
     """Raise ValueError with a message if a state is not the next one of its path, after the load factor `last`."""
     step, after, load_steps = record.state, record.next, options["method"] == LoadSteps.name
     if isinstance(after, LoadStepsState) != load_steps:
@@ -143,7 +143,7 @@ def _check_order(last: float, record: SavedState, options: dict[str, Any]) -> No
         )
 
 
-def _check_equilibrium(system: System, record: SavedState, rtol: float, history: tuple[Array, ...]) -> None:
+def _check_equilibrium(system: System, record: SavedStep, rtol: float, history: tuple[Array, ...]) -> None:
     """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
     step, u = record.state, record.state.u
     moment = Moment(step.t, step.t, step=StepStart(history, in_time=False))

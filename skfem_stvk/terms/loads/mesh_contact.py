@@ -229,7 +229,7 @@ class LastResults:
         return LastResults, ()
 
 
-class InStep(NamedTuple):
+class SurfacesInStep(NamedTuple):
     """State of a contact within a step.
 
     Attributes
@@ -277,7 +277,7 @@ class BoundMeshContact(BoundContact):
     def __init__(self, contact: MeshContact, body: Body) -> None:
         self.contact, self.name, self._body = contact, contact.name, body
         self.distance = contact.distance
-        self._now, self._pairs, self._last = InStep(), CoupledPairs(), LastResults()
+        self._now, self._pairs, self._last = SurfacesInStep(), CoupledPairs(), LastResults()
         self._d, self._rigid = body.mesh.d, contact.second if isinstance(contact.second, RigidMesh) else None
         self.balanced = self._rigid is None
         one = contact.second is None or not self.balanced
@@ -561,7 +561,7 @@ class BoundMeshContact(BoundContact):
         return pressure, gap, float(areas[forces > 0].sum())
 
     def at(self: Own, moment: Moment, history: Array | None) -> Own:
-        return self if moment.contact is None else self._with(_now=InStep(moment.contact))
+        return self if moment.contact is None else self._with(_now=SurfacesInStep(moment.contact))
 
     def for_analysis(self: Own, in_time: bool) -> Own:
         """Return the contact with pairs of nodes in K, and results, of its own: several analyses may run at once."""
@@ -630,7 +630,7 @@ class MeshContactWithFriction(BoundMeshContact):
         if history is None or step is None:
             return super().at(moment, history)
         width = width_of(self._friction, moment.time - float(history[0]), step.in_time)
-        return self._with(_now=InStep(moment.contact, width, step.friction, history))
+        return self._with(_now=SurfacesInStep(moment.contact, width, step.friction, history))
 
     def advanced(self, history: Array, u: Array, moment: Moment) -> Array:
         return np.concatenate([super().advanced(history, u, moment), u.ravel()])

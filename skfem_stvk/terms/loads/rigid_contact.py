@@ -151,7 +151,7 @@ class Displacement(Protocol):
         """Return the components (d, 1) at `t` [m]."""
 
 
-class InStep(NamedTuple):
+class ShapeInStep(NamedTuple):
     """State of a contact within a step.
 
     Attributes
@@ -198,7 +198,7 @@ class BoundRigidContact(BoundContact):
 
     def __init__(self, contact: RigidContact, body: Body) -> None:
         self.contact, self.name = contact, contact.name
-        self._shape, self._now = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), InStep()
+        self._shape, self._now = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), ShapeInStep()
         self._facets, self._element = surface_at(body, contact.where, contact.label, contact.simplices)
         edges = _edge_lengths(contact, body, self._facets, self._element)
         self.edge, self.shortest_edge = float(edges.mean()), float(edges.min())
@@ -217,7 +217,7 @@ class BoundRigidContact(BoundContact):
         return self.contact.shape.displaced(self._now.shift[: self._body.mesh.d])
 
     def at(self: Own, moment: Moment, history: Array | None) -> Own:
-        return self if moment.contact is None else self._with(_now=InStep(moment.contact))
+        return self if moment.contact is None else self._with(_now=ShapeInStep(moment.contact))
 
     def _set_areas(self, body: Body) -> None:
         """Use the areas of the facets of a body, and the stiffness of its materials."""
@@ -409,8 +409,8 @@ class RigidContactWithHistory(BoundRigidContact):
     def at(self, moment: Moment, history: Array | None) -> RigidContactWithHistory:
         shift, step, friction = self._shift_at(moment), moment.step, self.contact.friction
         if history is None or step is None:
-            return self._with(_now=InStep(moment.contact, shift))
-        now = InStep(moment.contact, shift, history[:3])
+            return self._with(_now=ShapeInStep(moment.contact, shift))
+        now = ShapeInStep(moment.contact, shift, history[:3])
         if friction is not None:
             width, past = width_of(friction, moment.time - history[3], step.in_time), history[4:].reshape(*self.areas.shape, 7)
             now = now._replace(width=width, past=past, factor=step.friction)
@@ -484,7 +484,7 @@ class RigidContactWithHistory(BoundRigidContact):
             np.add.at(drag, t, (slopes * np.abs(N).sum(axis=1)) @ np.abs(N))
         return drag
 
-    def _secants_at(self, u: Array, now: InStep) -> Array:
+    def _secants_at(self, u: Array, now: ShapeInStep) -> Array:
         """Return the force per slip (n, nq) [N/m] at `u` (nv, d)."""
         secants = np.zeros(self.areas.shape)
         kernels.find_secants(self._surface, now.shift, now.past, now.width, u, secants)
