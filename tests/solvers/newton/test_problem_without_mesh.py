@@ -262,7 +262,7 @@ def test_an_allowed_number_of_inverted_elements_converges():
 
 
 def test_full_steps_across_a_flat_state_are_rejected():
-    problem = faulty(way_is_free=lambda u, found: False)
+    problem = faulty(way_is_free=lambda u, found, t: False)
     _, end, record = solved(problem)
     assert end.converged and 0 < record.restarted < len(record)
 
