@@ -23,7 +23,7 @@ from skfem_stvk import (
 from skfem_stvk.referee.peers import load
 from skfem_stvk.results import Fields, Reaction, Series, animate, plot, write_mesh, write_vtu
 from skfem_stvk.results.array_files import write_text
-from skfem_stvk.solvers.runs.state_files import read_state
+from skfem_stvk.solvers.state_files import read_state
 
 from .call import Call
 from .small_bodies import (

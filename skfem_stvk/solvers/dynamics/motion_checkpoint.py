@@ -22,13 +22,14 @@ from ...system.signature import Fingerprint, Signature
 from ...terms.protocols import set_time
 from ..runs.archive import STRICT, FolderStore, check_lengths, refusing_damage, validated
 from ..runs.ledger import Ledger
-from ..runs.state_files import MOTION, MOTION_FILE
 from .damping import DampingFactors
 from .integrators import Integrator
 from .ledger_rows import REMOVED, LedgerLocations, column_names, columns_without_value, known_strain, known_total
 from .motion import Motion
 from .record import Counts, HierarchyOrigin, RunRecord, Snapshot
 
+#: Name of its file.
+MOTION_FILE = "motion.npz"
 #: Shortest time between two checkpoints [s], and largest share of the run time that writing them may take.
 EVERY, SHARE = 5.0, 0.05
 #: Remedy for a file that cannot be resumed.
@@ -122,7 +123,7 @@ class MotionCheckpoint(FolderStore[SavedMotion]):
     States of the motion are vectors of the `space`. In a divided body, each part has a file of its own next to `motion.npz`.
     """
 
-    known, schema, remedy = MOTION, SavedMotion, START_AGAIN
+    known, schema, remedy = ("motion of skfem-stvk", 6), SavedMotion, START_AGAIN
 
     def __init__(self, folder: Path, space: Space | None = None) -> None:
         self.file, self._next = folder / MOTION_FILE, -np.inf

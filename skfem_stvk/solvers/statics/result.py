@@ -19,7 +19,7 @@ from ...results.series import save_series
 from ...results.vtu import DEFAULT
 from ...system import System
 from ..newton.outcome import Status, with_remedy
-from ..runs.result import RunResult
+from ..runs.run_result import RunResult
 from .critical import CriticalPoint
 from .history import History, Step
 
