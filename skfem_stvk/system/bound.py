@@ -98,6 +98,7 @@ class BoundTerms:
         self.on_elements = [(number, of, term) for number, of, term in specified if isinstance(term, BoundElements)]
         self._with_volume: list[tuple[NDArray[np.int64], BoundElements]] = []
         known = np.zeros(self.mesh.nt, dtype=bool)
+        self._on_elements_of_mesh = [(of, term) for number, of, term in self.on_elements if number == 0]
         for specification, term in self._on_elements_of_mesh:
             elements = self.mesh.elements(specification.region)
             if not known[elements].all():
@@ -124,10 +125,6 @@ class BoundTerms:
         """Elastic terms on the elements of the mesh: pairs of specification and bound term."""
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         return [(specification, term) for number, specification, term in every if number == 0]
-
-    @property
-    def _on_elements_of_mesh(self) -> list[tuple[Any, BoundElements]]:
-        return [(specification, term) for number, specification, term in self.on_elements if number == 0]
 
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
@@ -264,7 +261,8 @@ class BoundTerms:
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Return displacements as (nv, d). All parts of a divided body call this method together."""
-        return self.space.comm.together(by_vertex, self.mesh, u, name)
+        with self.space.comm.together():
+            return by_vertex(self.mesh, u, name)
 
 
 def inverted_in_part(body: BoundTerms, u: ArrayLike) -> NDArray[np.int64]:

@@ -217,7 +217,7 @@ class FreeDofs:
     @property
     def structure(self) -> Structure:
         """Structure of K over the free degrees of freedom."""
-        return self._restriction()[0]
+        return self.restriction()[0]
 
     @property
     def pattern(self) -> Pattern:
@@ -227,9 +227,9 @@ class FreeDofs:
     @property
     def value_indices(self) -> NDArray[np.int32]:
         """Indices in the values of K of the values of K over the free degrees of freedom, ascending."""
-        return self._restriction()[1]
+        return self.restriction()[1]
 
-    def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
+    def restriction(self) -> tuple[Structure, NDArray[np.int32]]:
         """Return the structure of K over the free degrees of freedom, and the indices of its values in those of K.
 
         Both are cached for each pattern.
@@ -262,7 +262,7 @@ class FreeDofs:
             if `K` or `out` has another pattern.
         """
         self._system.pattern.refuse_other(K)
-        structure, places = self._restriction()
+        structure, places = self.restriction()
         if out is None:
             out = structure.matrix(np.empty(structure.nnz, dtype=K.dtype))
         elif not structure.fits(out, K.dtype):

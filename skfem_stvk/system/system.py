@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from functools import cached_property
 from math import nan
@@ -340,24 +340,24 @@ class System(BoundTerms):
             term.look(x)
 
     @property
-    @locked
     def pattern(self) -> Pattern:
         """Pattern of every K of this system, unless a term changes the nodes it couples; created on first use."""
-        version = self.pattern_version
-        if self._pattern is None or self._pattern.version != version:
-            pairs = [term.nodes_paired for term in self.bound_terms]
-            pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
-            self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
-        return self._pattern
+        with self._lock:
+            version = self.pattern_version
+            if self._pattern is None or self._pattern.version != version:
+                pairs = [term.nodes_paired for term in self.bound_terms]
+                pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
+                self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
+            return self._pattern
 
-    @locked
     def _rows(self) -> tuple[list[Any], list[Rows]]:
         """Return the indices of the blocks of terms and loads in the values of K, cached for each version of the pattern."""
-        pattern = self.pattern
-        if self._row_cache is None or self._row_cache[0] != pattern.version:
-            terms = [term.rows(pattern) for term in self.pair_terms]
-            self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
-        return self._row_cache[1:]
+        with self._lock:
+            pattern = self.pattern
+            if self._row_cache is None or self._row_cache[0] != pattern.version:
+                terms = [term.rows(pattern) for term in self.pair_terms]
+                self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
+            return self._row_cache[1:]
 
     def energy(self, u: ArrayLike) -> float:
         """Return the strain energy `W(u)` [J].
@@ -393,18 +393,21 @@ class System(BoundTerms):
         energy, force = self._energy_and_force(u, force)
         return energy, force.reshape(-1) if out is None else out
 
-    @locked
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None) -> csr_matrix:
         """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m].
 
         The pattern is always the same, unless a `MeshContact` couples other nodes, and zeros are stored.
         """
         x = self._state(u)
-        self._look(x)
-        if free is not None:
-            return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
-        K, rows_of_terms = self._matrix(out, self.pattern), self._rows()[0]
-        self.space.comm.together(self._fill, x, K.data, rows_of_terms, None)
+        with self._lock:
+            self._look(x)
+            K, rows_of_terms = self._to_fill(out, ALL, free)
+            if rows_of_terms is None:
+                assert free is not None
+                self._whole = self.tangent(u, self._last_whole())
+                return free.matrix(self._whole, K)
+            with self.space.comm.together():
+                self._fill(x, K.data, rows_of_terms, None, free=free)
         return K
 
     @locked
@@ -444,7 +447,8 @@ class System(BoundTerms):
         elif self.space.comm.any(not self._operator.is_at(x)) or any(term.takes_time for term in self.bound_terms):
             self._operator.prepare(u)
         product = self._operator.matvec(y)
-        self.space.comm.together(refuse_overflow, product, "K v", x)
+        with self.space.comm.together():
+            refuse_overflow(product, "K v", x)
         return product
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
@@ -476,12 +480,10 @@ class System(BoundTerms):
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
 
-        def of_part() -> None:
+        with self.space.comm.together():
             for load in self.bound_loads:
                 load.add_force(x, moment, force)
             refuse_overflow(force, "The external force", x)
-
-        self.space.comm.together(of_part)
         return self.space.share(force).ravel()
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
@@ -512,19 +514,23 @@ class System(BoundTerms):
         loads = self.external_force(u, t)
         return self.internal_force(u) - loads
 
-    @locked
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
         """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]."""
-        moment, factors, x = self._moment(t), _checked_tensions(kept), self._state(u)
-        self._look(x)
-        if free is not None:
-            return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
-        K, (rows_of_terms, of_loads) = self._matrix(out, self.pattern), self._rows()
-        self.space.comm.together(self._fill, x, K.data, rows_of_terms, None, factors)
-        for load, rows in zip(self._follower_loads, of_loads, strict=True):
-            load.add_stiffness(x, moment, rows, K.data)
+        factors, x = _checked_tensions(kept), self._state(u)
+        with self._lock:
+            moment = self._moment(t)
+            self._look(x)
+            K, rows_of_terms = self._to_fill(out, factors, free)
+            if rows_of_terms is None:
+                assert free is not None
+                self._whole = self.jacobian(u, t, self._last_whole(), kept=kept)
+                return free.matrix(self._whole, K)
+            with self.space.comm.together():
+                self._fill(x, K.data, rows_of_terms, None, factors, free=free)
+            for load, rows in zip(self._follower_loads, self._rows()[1], strict=True):
+                load.add_stiffness(x, moment, rows, K.data)
         return K
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
@@ -557,14 +563,11 @@ class System(BoundTerms):
 
     def elastic_energies(self, u: ArrayLike) -> list[float]:
         """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy."""
-
-        def of_part() -> Array:
+        with self.space.comm.together():
             x = by_vertex(self.mesh, u)
-            energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
-            refuse_overflow(sum(energies), "W", x)
-            return np.array(energies, dtype=np.float64)
-
-        energies = self.space.comm.total(self.space.comm.together(of_part)).tolist()
+            of_part = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
+            refuse_overflow(sum(of_part), "W", x)
+        energies = self.space.comm.total(np.array(of_part, dtype=np.float64)).tolist()
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
     @locked
@@ -606,7 +609,8 @@ class System(BoundTerms):
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in terms:
             term.energy_and_force(x, force)
-        self.space.comm.together(refuse_overflow, force, name, x)
+        with self.space.comm.together():
+            refuse_overflow(force, name, x)
         return -self.space.share(force).ravel()
 
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
@@ -630,13 +634,13 @@ class System(BoundTerms):
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
 
-        def of_part() -> Array:
+        coefficients = np.zeros(5)
+        with self.space.comm.together():
             x, y = by_vertex(self.mesh, u), by_vertex(self.mesh, v, "v")
-            coefficients: Array = sum((term.along(x, y) for term in self.bound_terms), np.zeros(5))
+            for term in self.bound_terms:
+                coefficients = coefficients + term.along(x, y)
             refuse_overflow(coefficients, "W along a line", x)
-            return coefficients
-
-        return self.space.comm.total(self.space.comm.together(of_part))
+        return self.space.comm.total(coefficients)
 
     def round_off(self, u: ArrayLike) -> Array:
         """Return the sums (ndofs,) of the absolute values of all contributions to `F(u)` [N].
@@ -646,11 +650,9 @@ class System(BoundTerms):
         """
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
 
-        def of_part() -> None:
+        with self.space.comm.together():
             for term in self.bound_terms:
                 term.add_round_off(x, sums)
-
-        self.space.comm.together(of_part)
         return self.space.share(sums).ravel()
 
     def check_held(self, u: ArrayLike | None = None) -> None:
@@ -781,8 +783,12 @@ class System(BoundTerms):
 
         `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
         """
-        every = [(*kept.of(term), term, rows) for term, rows in zip(self.pair_terms, rows_of_terms, strict=True)]
-        every.sort(key=lambda one: one[0] == 1)  # terms with edge damping first, because their factor multiplies all values so far
+        damped: list[tuple[float, Tensions, Any, Any]] = []
+        others: list[tuple[float, Tensions, Any, Any]] = []
+        for term, rows in zip(self.pair_terms, rows_of_terms, strict=True):
+            factor, own = kept.of(term)
+            (others if factor == 1 else damped).append((factor, own, term, rows))
+        every = damped + others  # terms with edge damping first, because their factor multiplies all values so far
         add = self.mesh.d**2 * every[0][3].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
@@ -801,27 +807,29 @@ class System(BoundTerms):
             self._bare.write(self.pattern, data, free)
         return energy
 
-    def _free_part(
-        self, x: Array, free: FreeDofs, out: csr_matrix | None, kept: Tensions, make: Callable[[csr_matrix | None], csr_matrix]
-    ) -> csr_matrix:
-        """Return K over the free degrees of freedom.
+    def _to_fill(self, out: csr_matrix | None, kept: Tensions, free: FreeDofs | None) -> tuple[csr_matrix, list[Any] | None]:
+        """Return the matrix that is filled, and the indices of the blocks of terms in its values.
 
-        It is assembled directly if all contributions support this. Otherwise it is a part of the whole K, from `make`.
+        K over the `free` degrees of freedom is filled directly if all contributions support this. Otherwise the indices are None,
+        and it is a part of the whole K.
         """
+        if free is None:
+            return self._matrix(out, self.pattern), self._rows()[0]
         if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
             raise StvkError(
                 f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has another "
                 "pattern."
             )
-        K, indices = self._matrix(out, free.structure), free.value_indices
-        if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
-            rows_of_terms = [rows.part(indices) for rows in self._rows()[0]]
-            self.space.comm.together(lambda: self._fill(x, K.data, rows_of_terms, None, kept, free=free))
-            return K
-        with self._lock:
-            whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
-            self._whole = make(whole)
-            return free.matrix(self._whole, K)
+        structure, indices = free.restriction()
+        K = self._matrix(out, structure)
+        for term in self.pair_terms:
+            if not term.by_rows(kept):
+                return K, None
+        return K, None if self._follower_loads else [rows.part(indices) for rows in self._rows()[0]]
+
+    def _last_whole(self) -> csr_matrix | None:
+        """Return the whole K that was assembled last for a part of it, to be overwritten; None if there is none."""
+        return self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
 
     def implausible(self) -> list[str]:
         """Return, in a sentence each, the Young's moduli that are implausible in the units of the system.

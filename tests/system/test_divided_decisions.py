@@ -92,6 +92,11 @@ def test_a_state_that_overflows_in_one_part_is_refused_in_all(name, value):
         assert own == pytest.approx(energy, rel=1e-13)
 
 
+def alone(comm, work):
+    with comm.together():
+        return work()
+
+
 def test_the_text_of_an_error_is_that_of_the_part_that_has_it():
     def work(system, dofs):
         space = system.space
@@ -101,7 +106,7 @@ def test_the_text_of_an_error_is_that_of_the_part_that_has_it():
                 raise StateError("only here")
             return 1.0
 
-        return caught(lambda: space.comm.together(fails)), caught(lambda: space.comm.sum_of(fails)), space.comm.sum_of(lambda: 1.5)
+        return caught(lambda: alone(space.comm, fails)), caught(lambda: space.comm.sum_of(fails)), space.comm.sum_of(lambda: 1.5)
 
     found, _ = Division("triangles", "strips").run(work, grounded)
     for _, (together, summed, total) in found:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from slow import slow
 
-from skfem_stvk.solvers.dynamics import ForwardEuler, Status, VelocityVerlet, simulate
+from skfem_stvk.solvers.dynamics import Status, VelocityVerlet, simulate
 from validation.hard import table
 from validation.hard.case import made
 from validation.hard.judge import Verdict, volume_ratios
-from validation.hard.motion import endings, judge, memory, methods, study, verlet
+from validation.hard.motion import endings, judge, methods, study, verlet
 from validation.hard.motion.impacts import UNTIL, _crushed, _dropped, _shaken
 from validation.hard.motion.released import _let_go
 from validation.hard.motion.stiff import SPIN, THROWN, _between, _rotated, _spun
@@ -44,7 +44,7 @@ def test_no_integrator_is_wrong_without_a_warning_and_the_plain_one_is(scene, tm
     assert not list(study.failures(row))
     assert [run.method for run in row.runs] == list(methods.METHODS)
     assert [run.method for run in row.runs if run.verdict is Verdict.WRONG] == ["plain eq. 9"]
-    table.save([row], tmp_path, study.NAME, methods.METHODS)
+    table.save([row], tmp_path, study.IN_MOTION)
     with (tmp_path / f"{study.NAME}.csv").open(encoding="utf-8") as file:
         assert len(list(csv.reader(file))) == 1 + len(row.runs)
 
@@ -207,23 +207,3 @@ def test_the_thrown_block_flips():
     along = np.argmax(system.mesh.p[1])  # vertex near the axis of the spin
     assert SPIN[1] > 10 * SPIN[0] and SPIN[1] * THROWN > np.pi
     assert (system.mesh.p[1] + u[1::3])[along] < 0
-
-
-@pytest.mark.parametrize("which", [slow(0), 1, 2], ids=["explicit", "energy-momentum", "eq. 9"])
-def test_only_the_ledger_grows(which):
-    integrator, few, _ = memory.LONG[which]
-    growth = memory.grown(integrator, few)
-    assert growth.holds, growth
-
-
-def test_growing_memory_is_detected():
-    """An integrator that retains 100 bytes per step fails the claim."""
-    retained = []
-
-    class Leaking(memory.Watched):
-        def step(self, state, t):
-            retained.append(bytes(100))
-            super().step(state, t)
-
-    growth = memory.grown(ForwardEuler(dt=memory.DT), 5_000, Leaking)
-    assert growth.other > 4_000 * 100 and not growth.holds
