@@ -4,7 +4,7 @@ from typing import Any
 
 from ..edges.bound_term import BoundElements, BoundTerm
 from .body import Body
-from .bound_load import BoundLoad
+from .bound_load import BoundLoad, Load, is_load
 from .laws.corotated import Corotated
 from .laws.edge_network import EdgeNetwork
 from .laws.invertible import InvertibleStVK
@@ -23,10 +23,6 @@ from .loads.rigid_contact import RigidContact
 from .loads.rigid_mesh import RigidMesh
 from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .loads.times import Ramp, Sine, Table
-from .protocols import (
-    Load,
-    is_load,
-)
 from .term import Deformation, PointResponse, Term
 
 #: Terms that scenes know, by their `type`.
