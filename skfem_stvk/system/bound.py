@@ -92,6 +92,9 @@ class BoundTerms:
         #: Bound terms of contact.
         self.contacts = [term for term in self.bound_terms if isinstance(term, BoundContact)]
         # Indices of the terms with a history, and of those that depend on more than displacements: on time, history or an assumption.
+        of_foundations = [term.grounded for term in self.foundations]
+        tied = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *of_foundations]))
+        self.grounded = self.space.union(tied, self.ndofs)
         self._with_history = [i for i, term in enumerate(self.bound_terms) if term.has_history]
         self._changing = frozenset(i for i, term in enumerate(self.bound_terms) if term.takes_time)
         self._with_changing_pairs = [one for one in every if one.pairs_change]
@@ -263,13 +266,6 @@ class BoundTerms:
         """
         x = self._state(u)
         return self.space.comm.least(min((term.smallest_stretch(x) for _, term in self._on_elements_of_mesh), default=np.inf))
-
-    def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
-        """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
-
-        StateError as in `energy`.
-        """
-        return self.mesh.ids_of_all(compressed_in_part(self, u, below))
 
     @property
     def _named(self) -> list[tuple[str, Any]]:
