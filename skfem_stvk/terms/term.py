@@ -75,6 +75,11 @@ class TermOrLoad:
     region: Any = None
 
     @property
+    def given(self) -> Any:
+        """The user's object."""
+        return self
+
+    @property
     def per_element(self) -> bool:
         """Whether it is a sum over elements, facets or own nodes, so that forces of the parts of a divided body add up to those of
         the body.
@@ -98,6 +103,8 @@ class Term(TermOrLoad, ABC):
     is_law
         Whether it is a law of a material on elements, with a `hypothesis` and a `section`. Strain and stress at a point follow from
         the material unless it has a `response` of its own.
+    between_parts
+        Whether it acts between parts of a body that share no nodes, so that a mesh may be in parts.
     small_strain
         Whether the stress of a law is that of the small strain.
     wrinkling
@@ -109,6 +116,7 @@ class Term(TermOrLoad, ABC):
     resists_inversion: ClassVar[bool] = False
     has_mass: ClassVar[bool] = False
     is_law: ClassVar[bool] = False
+    between_parts: ClassVar[bool] = False
     small_strain: ClassVar[bool] = False
     has_pressure: ClassVar[bool] = False
     simplices: Any = None
@@ -160,7 +168,7 @@ class Term(TermOrLoad, ABC):
 
 
 class PlainSpecification(Term):
-    """Term or load of a user's class that inherits from neither `Term` nor `Load`: its members, and the defaults of those that it lacks."""
+    """Term or load of a user's class that inherits from neither `Term` nor `Load`: its members, and defaults of those it lacks."""
 
     def __init__(self, of: Any) -> None:
         self.of = of
@@ -168,6 +176,10 @@ class PlainSpecification(Term):
         vars(self).update({name: getattr(of, name) for name in declared - {"bind"} if name[0] != "_" and hasattr(of, name)})
         of_methods = {"has_mass": "mass", "is_law": "hypothesis", "has_pressure": "density_and_slope"}
         vars(self).update({name: hasattr(of, method) for name, method in of_methods.items()})
+
+    @property
+    def given(self) -> Any:
+        return self.of
 
     @property
     def per_element(self) -> bool:
@@ -198,8 +210,3 @@ def specified(term: Any) -> Any:
         name = term.__name__ if isinstance(term, type) else type(term).__name__
         raise StvkError(f"Got a term of type {name}; expected StVK(...) or a list of terms.")
     return PlainSpecification(term)
-
-
-def given(term: Any) -> Any:
-    """Return the user's object that a specification stands for."""
-    return term.of if isinstance(term, PlainSpecification) else term
