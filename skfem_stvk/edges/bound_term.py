@@ -182,10 +182,6 @@ class BoundTerm(Bound, ABC):
         """
         self.with_blocks(len(u), u.shape[1], out.dtype).add_magnitudes(u, out)
 
-    def step_limit(self, u: Array, v: Array) -> float:
-        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume at `u + s v`, or infinity."""
-        return np.inf
-
 
 class BoundElements(BoundTerm):
     """Term with the volumes of elements, which can invert; its specification has their `region`.
@@ -205,6 +201,10 @@ class BoundElements(BoundTerm):
     def smallest_volume_ratio(self, u: Array) -> float:
         """Return the smallest entry of `volume_ratios(u)`."""
         return float(self.volume_ratios(u).min(initial=np.inf))
+
+    def step_limit(self, u: Array, v: Array) -> float:
+        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume at `u + s v`, or infinity."""
+        return np.inf
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
         """Return the smallest principal stretch (n,) at `u` (nv, d) of the region's elements, in their order, within their own
@@ -234,7 +234,7 @@ class AccumulatedTerm(AccumulatedBlocks, PairTerm):
         return 0.0 if force is None else self.term.energy_and_force(u, force), blocks
 
 
-class PlainBound:
+class PlainBound(Bound):
     """Object of a user's class that does not inherit from `Bound`: its own members count, and the defaults of those that it lacks.
 
     `abilities` are the declarations that follow from a method of the object, if it does not make them itself.
@@ -256,7 +256,7 @@ class PlainBound:
         setattr(self.of, name, value)
 
     def without(self, removed: NDArray[np.bool_]) -> Any:
-        return type(self)(self.of.without(removed))
+        return type(self)(self.of.without(removed)) if self.removable else super().without(removed)
 
 
 class PlainTerm(PlainBound, BoundTerm):
