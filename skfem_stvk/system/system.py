@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from copy import copy
-from functools import cached_property
 from math import nan
 from typing import Any, TypeVar
 
@@ -15,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
-from ..edges.bound_term import joined
+from ..edges.bound_term import BoundTerm
 from ..edges.elements import checked_quadrature, nbytes
 from ..edges.pairs import AccumulatedBlocks, PairTerm
 from ..errors import LoadError, MeshError, StvkError, warn
@@ -27,8 +26,6 @@ from ..mesh.locations import DofsView
 from ..terminal import html_table
 from ..terms import (
     BoundLoad,
-    HasStress,
-    HoldsShape,
     Load,
     MeshContact,
     Term,
@@ -36,15 +33,14 @@ from ..terms import (
 )
 from ..terms.connectivity import connected
 from ..terms.loads.load import Time
-from ..terms.loads.rigid_contact import BoundRigidContact, Displacement
 from ..units import UNITS, implausible_moduli
 from .bound import BoundTerms, checked_terms, elements_to_remove
 from .divided import refuse_divided
 from .mass import KINDS, Mass
-from .mechanisms import check_held, grounded_dofs
+from .mechanisms import check_held
 from .operator import TangentOperator, refuse_overflow
 from .pattern import BareDiagonal, FreeDofs, Pattern, Structure
-from .rigid import Pieces, parts_of
+from .rigid import Pieces
 from .supports import Displacements, Supports, dofs_at
 
 SystemType = TypeVar("SystemType", bound="System")
@@ -122,6 +118,8 @@ class System(BoundTerms):
         Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not.
     resists_inversion
         Whether a term resists the inversion of elements, as `VolumePenalty` does.
+    grounded
+        Degrees of freedom that foundations tie to the ground, ascending.
     removed, bare
         Ids of the removed elements, see `without`, and of nodes that have lost all their elements, ascending.
     made_from, made_of
@@ -257,41 +255,22 @@ class System(BoundTerms):
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
         whole = self._bare or BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
         super()._remove_elements(elements)
-        self.__dict__.pop("grounded", None)
         self._bare = BareDiagonal(whole.stiffness, self.bare)
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
-    def for_analysis(self: SystemType, in_time: bool) -> SystemType:
-        """Return the body for one analysis, with pairs of nodes of its own where contacts couple others as it moves; or itself.
+    def with_terms(self: SystemType, terms: Sequence[BoundTerm]) -> SystemType:
+        """Return the body with other bound terms, which couple the same pairs of nodes; or itself, if they are its own.
 
         Parameters
         ----------
-        in_time
-            Whether the analysis is a motion in time; otherwise it is a path of equilibria.
+        terms
+            Bound terms in the order of `bound_terms`.
         """
-        with self.units.of_errors():
-            terms = [term.for_analysis(in_time) for term in self.bound_terms]
         if all(one is term for one, term in zip(terms, self.bound_terms, strict=True)):
             return self
         other = copy(self)
         other._replace_bound(terms, self.bound_loads)
         other._masses = {kind: mass.of(other, other.body) for kind, mass in self._masses.items()}
-        return other
-
-    def with_moved_shapes(self: SystemType, motions: Mapping[str, Displacement]) -> SystemType:
-        """Return the body for one motion in time, in which the shapes of these contacts have displacements given by name.
-
-        Parameters
-        ----------
-        motions
-            Displacements by the name of a `RigidContact`.
-        """
-        terms = [
-            term.moved_by(motions[term.name]) if isinstance(term, BoundRigidContact) and term.name in motions else term
-            for term in self.bound_terms
-        ]
-        other = copy(self)
-        other._replace_bound(terms, self.bound_loads)
         return other
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:
@@ -579,11 +558,6 @@ class System(BoundTerms):
                 self._masses[kind] = KINDS[kind](self, self.body, self.supports.held)
         return self._masses[kind]
 
-    @cached_property
-    def grounded(self) -> NDArray[np.int64]:
-        """Degrees of freedom that foundations tie to the ground, ascending."""
-        return self.space.union(grounded_dofs(self.bound_terms), self.ndofs)
-
     def foundation_force(self, u: ArrayLike) -> Array:
         """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force."""
         return self._force_on_body(self.foundations, u, "The force of foundations")
@@ -659,10 +633,7 @@ class System(BoundTerms):
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.body.terms:
-            if isinstance(term, HasStress):
-                solid[self.mesh.elements(term.region)] = True
-            elif isinstance(term, HoldsShape):
-                solid[term.elements_held_in_shape(self.mesh)] = True
+            solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
         x, touching = self._state(np.zeros(self.ndofs) if u is None else u), None
         if self.contacts:
@@ -670,10 +641,6 @@ class System(BoundTerms):
             touching = np.concatenate(nodes), np.concatenate(directions)
         constrained = np.union1d(self.supports.held, stay)
         check_held(self.mesh, self.bound_terms, constrained, solid & ~self.body.removed, touching)
-
-    def parts(self) -> NDArray[np.int32]:
-        """Return the part number (nv,) of each node: parts are connected by terms."""
-        return parts_of([joined(term) for term in self.bound_terms], self.mesh.nv, self.space)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """Return the degrees of freedom that are not `fixed`; the object also restricts K to them without slicing.
@@ -827,7 +794,7 @@ class System(BoundTerms):
         >>> System(plate, StVK(young=2.1e5, poisson=0.3), units="mm-N-MPa").implausible()
         []
         """
-        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if hasattr(term, "material")]
+        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if term.material is not None]
         size = float(np.ptp(self.mesh.bounds, axis=1).max())
         moduli = {f"material {number}: young": getattr(law, "young", None) for number, law in enumerate(laws)}
         return implausible_moduli(moduli, self.units, size)
@@ -848,6 +815,15 @@ class System(BoundTerms):
         elements = ", ".join(f"{mesh.element_count} {mesh.kind}" for mesh in meshes)
         rows = [("elements", elements), ("degrees of freedom", self.space.count), *terms, *supports]
         return html_table("System", rows)
+
+
+def for_analysis(system: SystemType, in_time: bool) -> SystemType:
+    """Return the body for one motion in time, or for one path of equilibria; the body itself if no term has an own state for it.
+
+    Contacts that couple other nodes as the body moves have pairs of nodes of their own.
+    """
+    with system.units.of_errors():
+        return system.with_terms([term.for_analysis(in_time) for term in system.bound_terms])
 
 
 def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:
