@@ -680,4 +680,4 @@ def test_an_unexpected_error_is_not_reported_as_bad_input(tmp_path, monkeypatch,
         main(["solve", str(path), "--quiet"])
     assert json.loads((tmp_path / "beam" / "summary.json").read_text())["status"] == "was killed or is running"
     failure = _solve((path, (), tmp_path / "swept", "new"))
-    assert failure.status == "crashed" and "a fault" in failure.message
+    assert failure[0] == "crashed" and "a fault" in failure[2]
