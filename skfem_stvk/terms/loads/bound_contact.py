@@ -54,6 +54,10 @@ class BoundContact(BoundTerm):
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
         """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
 
+    def smallest_gap(self, u: Array) -> float:
+        """Return the smallest gap [m] at `u` (nv, d), negative where a point is in a shape."""
+        return float(self.evaluated(u)[1].min())
+
     @abstractmethod
     def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
         """Return nodes (m,) that touch at `u` (nv, d), and unit vectors (m, d) along which the contact holds them."""
