@@ -26,8 +26,6 @@ from ..mesh.locations import DofsView
 from ..terminal import html_table
 from ..terms import (
     BoundLoad,
-    HasStress,
-    HoldsShape,
     Load,
     MeshContact,
     Term,
@@ -637,10 +635,7 @@ class System(BoundTerms):
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.body.terms:
-            if isinstance(term, HasStress):
-                solid[self.mesh.elements(term.region)] = True
-            elif isinstance(term, HoldsShape):
-                solid[term.elements_held_in_shape(self.mesh)] = True
+            solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
         x, touching = self._state(np.zeros(self.ndofs) if u is None else u), None
         if self.contacts:
@@ -799,7 +794,7 @@ class System(BoundTerms):
         >>> System(plate, StVK(young=2.1e5, poisson=0.3), units="mm-N-MPa").implausible()
         []
         """
-        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if hasattr(term, "material")]
+        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if term.material is not None]
         size = float(np.ptp(self.mesh.bounds, axis=1).max())
         moduli = {f"material {number}: young": getattr(law, "young", None) for number, law in enumerate(laws)}
         return implausible_moduli(moduli, self.units, size)

@@ -494,6 +494,16 @@ def test_terms_without_elements_refuse_removal_by_name(term, name):
     assert body.energy(state(mesh)) == W and not body.removed.size
 
 
+def test_loads_whose_pairs_change_refuse_removal_by_name():
+    class Travelling(Vortex):
+        class Bound(Vortex.Bound):
+            pairs_change, pattern_version = True, 0
+
+    body = System(EVERY_MESH["tetrahedra"], [StVK(young=1.0, poisson=0.3), Travelling([1, 4, 9], 2.0)])
+    with pytest.raises(StvkError, match="Travelling: elements cannot be removed"):
+        body.without([0])
+
+
 def test_loads_without_elements_are_bound_again():
     mesh = EVERY_MESH["tetrahedra"]
     body = System(mesh, [StVK(young=1.0, poisson=0.3), Vortex([1, 4, 9], 2.0)])

@@ -362,7 +362,7 @@ def test_a_series_requested_on_resume_has_all_states_and_no_older_ones(tmp_path)
 
 def continuation_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
     problem = Equilibrium(system, solver or SuperLU(), Stopwatch())
-    course = ContinuationOptions(1 / steps, 1e-8, Monitors(system, False), stability, lambda *_: None)
+    course = ContinuationOptions(1 / steps, 1e-8, Monitors(system), stability, lambda *_: None)
     begin = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, course
     return ArcLength(*begin, StopCriterion(Stop(load=1.0), system)) if method == "arc-length" else LoadSteps(*begin)
 
