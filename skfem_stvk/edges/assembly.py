@@ -262,7 +262,7 @@ class Assembly(BoundElements, PairTerm):
         """Return the bytes of its arrays, by part."""
         parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.elements.memory()
         parts["elements"] += self._D.nbytes
-        return parts | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
+        return parts | {"blocks of edges": nbytes(list(self._scratch.values()))}
 
 
 def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], infinite_energy: str) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..linear import Factors, Solution
 from ..mesh.displacements import by_vertex
+from ..terms.loads.load import Time
 from .coordinates import Coordinates, DenseTangent
 from .free_tangent import FreeTangent
 from .system import System
@@ -76,16 +77,16 @@ class Equation:
         with self._watch("assemble"):
             return self.system.step_limit(self._body_state(u), v)
 
-    def contact_limit(self, u: Array, v: Array) -> tuple[float, str]:
+    def contact_limit(self, u: Array, v: Array, t: Time) -> tuple[float, str]:
         if not self.system.contacts:
             return float("inf"), ""
         with self._watch("assemble"):
             x, y = (by_vertex(self.system.mesh, w) for w in (self._body_state(u), v))
-            return min((term.contact_limit(x, y), term.name) for term in self.system.contacts)
+            return min((term.contact_limit(x, y), term.name) for term in self.system.contacts_at(t))
 
-    def way_is_free(self, u: Array, found: Array) -> bool:
+    def way_is_free(self, u: Array, found: Array, t: Time) -> bool:
         """Return as in `Problem`; states with inverted elements must pass through zero volume."""
-        if self.contact_limit(u, found - u)[0] <= 1:
+        if self.contact_limit(u, found - u, t)[0] <= 1:
             return False
         return self.step_limit(u, found - u) > 1 or len(self.inside_out(u)) > 0
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array, check_index_range, plain_array, shown, whole_array
+from ..edges.pairs import BlockPattern
 from ..errors import StvkError, name_ids
 from ..kernels import node_blocks as block_kernels
 from ..kernels.simplex_topology import block_indices, expand, lexicographic_order, stars
@@ -66,7 +67,7 @@ class Structure:
         return self.__dict__ | {"_known": ()}
 
 
-class Pattern(Structure):
+class Pattern(Structure, BlockPattern):
     """Full block pattern of a matrix with a `d x d` block for each vertex and each pair of vertices on an edge.
 
     Zeros are stored, so the pattern does not depend on the state, and a symbolic factorisation can be reused.

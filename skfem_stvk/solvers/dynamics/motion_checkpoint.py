@@ -19,7 +19,6 @@ from ...results.complete_files import of_leader, output_folder
 from ...space import Space
 from ...system import System
 from ...system.signature import Fingerprint, Signature
-from ...terms.protocols import set_time
 from ..runs.archive import STRICT, FolderStore, check_lengths, refusing_damage, validated
 from ..runs.ledger import Ledger
 from .damping import DampingFactors
@@ -240,8 +239,7 @@ def _check_snapshot(then: Snapshot, ledger: Ledger, motion: Motion, integrator: 
     row = {"kinetic_energy": ledger["kinetic_energy"][then.steps], "strain_energy": known_strain(ledger)[then.steps]}
     kinetic = motion.states.dot(state.v, motion.mass.multiply(state.v)) / 2
     motion.body.return_to(then.history)
-    set_time(motion.system.bound_terms, motion.moment(state.t))
-    strain = motion.energy(state.u)
+    strain = motion.energy(state.u, state.t)
     for name, energy in (("kinetic_energy", kinetic), ("strain_energy", strain)):
         if not np.isclose(row[name], energy, rtol=ENERGY, atol=ENERGY**2 * (kinetic + abs(strain))):
             raise ValueError(f"its ledger ends with a {name} of {row[name]:g} J; its state has {energy:g} J")

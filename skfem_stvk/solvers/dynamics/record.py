@@ -222,7 +222,7 @@ class RunRecord(RunState):
     def at(cls, state: MotionState, ledger: Ledger, body: Any) -> RunRecord:
         """Return the record of a run that begins with this state of the body."""
         clock, removed = Clock(state.t, 0.0), (np.empty(0, dtype=np.int64), np.empty(0))
-        return cls(state, clock, Reviews(), 0, 0, body.history(), None, Counts(), None, *removed, ledger)
+        return cls(state, clock, Reviews(), 0, 0, body.first_history(), None, Counts(), None, *removed, ledger)
 
     def add_removed(self, elements: Ids, t: float) -> None:
         """Record that elements were removed at this time. The last good state is never older than the last removal."""

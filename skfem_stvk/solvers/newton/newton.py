@@ -115,7 +115,7 @@ def newton(problem: Problem, u: Array, t: Time, options: NewtonOptions) -> tuple
     if options.full_first and not problem.has_barrier:
         found, end = _Descent(problem, t, options, record, search=False).from_state(u)
         stable = end.converged and not record.negative_pivots
-        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.way_is_free(u, found):
+        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.way_is_free(u, found, t):
             return found, end, record
         record.restarted = len(record)
     found, end = _Descent(problem, t, options, record, search=True).from_state(u)
@@ -205,7 +205,7 @@ class _Descent:
             self.record.lengths.append(1.0)
             return u + v
         limit = np.inf if inverted else self.problem.step_limit(u, v)
-        through, contact = self.problem.contact_limit(u, v)
+        through, contact = self.problem.contact_limit(u, v, self.t)
         limit = min(limit, through)
         s = length(self.problem, u, v, self.t, residual, BEFORE_THE_LIMIT * limit)
         if s is None:

@@ -10,7 +10,6 @@ from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.operator import refuse_overflow
 from ...terms.loads.load import Moment, Time
-from ...terms.protocols import set_time
 from .basis import Lifts, masses_of
 from .quartic import ProjectedTerms, ReducedQuartic
 
@@ -64,7 +63,6 @@ class PrecomputedCoordinates(Coordinates):
         if self._changing:
             u, moment = (self.columns @ z).reshape(-1, self.mesh.d), Moment.checked(t)
             full = np.zeros(u.shape)
-            set_time(self.system.bound_terms, moment)
             for load in self._changing:
                 load.add_force(u, moment, full)
             refuse_overflow(full, "The external force", u)
@@ -75,7 +73,7 @@ class PrecomputedCoordinates(Coordinates):
         if all(load.dead for load in self._changing):
             return None
         u = self.columns @ z
-        full = self.system.jacobian(u, t) - self.system.tangent(u)
+        full = self.system.jacobian(u, t) - self.system.tangent(u, t=t)
         return np.asarray(self.columns.T @ (full @ self.columns))
 
     def potential(self, z: Array, t: Time) -> float:

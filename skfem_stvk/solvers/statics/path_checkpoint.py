@@ -8,11 +8,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ...arguments import Array
 from ...errors import StvkError
 from ...npz import Count
 from ...results.complete_files import in_all_parts, output_folder
 from ...system import System
 from ...system.signature import Fingerprint
+from ...terms.loads.load import Moment, StepStart
 from ..newton.outcome import Status
 from ..runs.archive import STRICT, FolderStore, refusing_damage, remove_file
 from ..runs.outputs import OutputFiles
@@ -60,6 +62,7 @@ class PathCheckpoint(FolderStore[SavedStep]):
         self._count = 0
         self._old_files: list[Path] = []
         self.steps: list[Step] = []
+        self.histories: list[tuple[Array, ...]] = []  # of the terms at the beginning of each step
         self.saved: ContinuationState | None = None
 
     def opened(self) -> None:
@@ -94,14 +97,19 @@ class PathCheckpoint(FolderStore[SavedStep]):
             with refusing_damage(file, self.remedy):
                 if record.number != number:
                     raise ValueError(f"its number is {record.number}; expected {number}, its position on the path")
-                if self.steps:
-                    self._system.commit(self.steps[-1].u, self.steps[-1].t)
+                self.histories.append(self._next_history())
                 _check_state(self._system, record.state)
-                _check_equilibrium(self._system, record, options["rtol"])
+                _check_equilibrium(self._system, record, options["rtol"], self.histories[-1])
                 _check_order(self.steps[-1].t if self.steps else -np.inf, record, options)
             self.steps.append(record.state)
             self.saved = record.next
         self._count = len(files)
+
+    def _next_history(self) -> tuple[Array, ...]:
+        """Return the history of the terms at the beginning of the step after those that are read."""
+        if not self.steps:
+            return self._system.first_history()
+        return self._system.advanced(self.histories[-1], self.steps[-1].u, Moment.of(self.steps[-1].t))
 
 
 def _check_state(system: System, step: Step) -> None:
@@ -111,7 +119,7 @@ def _check_state(system: System, step: Step) -> None:
     for finding in step.findings:
         if not ((finding.elements >= 0) & (finding.elements < system.mesh.element_count)).all():
             raise ValueError(f"its finding '{finding.name}' is of elements that do not exist")
-    energy = sum(system.elastic_energies(step.u))
+    energy = sum(system.elastic_energies(step.u, step.t))
     if not np.isclose(step.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny, equal_nan=True):
         raise ValueError(f"its strain energy is {step.strain_energy:g}; expected {energy:g}, the energy of its displacements")
 
@@ -134,20 +142,21 @@ def _check_order(last: float, record: SavedStep, options: dict[str, Any]) -> Non
         )
 
 
-def _check_equilibrium(system: System, record: SavedStep, rtol: float) -> None:
+def _check_equilibrium(system: System, record: SavedStep, rtol: float, history: tuple[Array, ...]) -> None:
     """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
     step, u = record.state, record.state.u
+    moment = Moment(step.t, step.t, step=StepStart(history, in_time=False))
     constrained, prescribed = system.supports.held, system.supports.values(step.t)
     gap, *sizes = (system.space.comm.most(float(np.abs(x).max(initial=0.0))) for x in (u[constrained] - prescribed, prescribed, u))
     if gap > 1e-9 * sum(sizes):
         raise ValueError(f"its displacements differ from those of the supports at t = {step.t:g} by up to {gap:.3g} m")
     loads = system.external_force(u, step.t)
-    forces = system.internal_force(u) - loads
+    forces = system.internal_force(u, moment) - loads
     reactions = forces[constrained].copy()
     forces[constrained] = 0
     scale = system.space.norm(loads) + system.space.on(constrained).norm(reactions)
     if system.contacts:
-        scale += system.space.norm(system.contact_force(u))
+        scale += system.space.norm(system.contact_force(u, moment))
     small, size = RESIDUAL * max(rtol, step.iterations.residuals[-1]), system.space.norm(forces)
     if size > small * max(scale, SMALLEST_SCALE * record.next.largest):
         raise ValueError(f"it is no equilibrium: its residual at t = {step.t:g} is {size / scale:.3g} of the loads and reactions")
