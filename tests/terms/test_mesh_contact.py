@@ -132,7 +132,7 @@ def test_the_stiffness_of_bodies_that_are_tilted_about_an_axis_is_the_derivative
     K = system.tangent(u.ravel()).toarray() - without.tangent(u.ravel()).toarray()
     change = slope(lambda s: force_of(term, u.ravel() + s * v))
     assert np.abs(K @ v - change).max() < 1e-2 * np.abs(change).max() and np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()
-    assert (np.diff(term._keys) > 0).all()
+    assert (np.diff(term._pairs.keys) > 0).all()
 
 
 @pytest.mark.parametrize(("kind", "area"), [*((kind, 0.0662) for kind in KINDS[:3]), ("triangles", 0.0156)])
