@@ -5,13 +5,12 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Callable
+from inspect import signature
 
 from skfem_stvk.errors import StvkError
 
 from . import (
-    aspect,
     bench,
-    clamp,
     contact,
     distributed,
     dynamics,
@@ -19,63 +18,29 @@ from . import (
     fuzz,
     hard,
     hostile,
-    kernels,
-    loop,
     models,
     operations,
     part,
     protection,
     reduced,
-    response,
-    resumed,
-    rows,
     solvers,
     stability,
     statics,
-    threads,
 )
 from .report import catalogue, report
 
-#: Studies with their options.
-STUDIES: dict[str, tuple[Callable[..., int], tuple[str, ...]]] = {
-    "part": (part.main, ()),
-    "aspect": (aspect.main, ()),
-    "bench": (bench.main, ("quick", "out")),
-    "clamp": (clamp.main, ("quick",)),
-    "distributed": (distributed.main, ("quick",)),
-    "kernels": (kernels.main, ("quick",)),
-    "loop": (loop.main, ("quick",)),
-    "operations": (operations.main, ()),
-    "resumed": (resumed.main, ()),
-    "response": (response.main, ("quick",)),
-    "rows": (rows.main, ("quick",)),
-    "solvers": (solvers.main, ("quick",)),
-    "threads": (threads.main, ("quick",)),
-    "statics": (statics.main, ("quick", "only", "out")),
-    "hard": (hard.main, ("quick", "only", "out")),
-    "stability": (stability.main, ("quick", "only", "out")),
-    "dynamics": (dynamics.main, ("quick", "only", "out")),
-    "elements": (elements.main, ("quick", "only", "out")),
-    "models": (models.main, ("quick", "only", "out")),
-    "reduced": (reduced.main, ("quick", "only", "out")),
-    "contact": (contact.main, ("quick", "only")),
-    "hostile": (hostile.main, ("quick", "only", "case")),
-    "fuzz": (fuzz.main, ("cases",)),
-    "protection": (protection.main, ("only", "again")),
+#: Studies. The parameters of their functions are the options of the command.
+STUDIES: dict[str, Callable[..., int]] = {
+    study.__name__.rpartition(".")[2]: study.main
+    for study in (
+        *(part, bench, distributed, operations, solvers, statics, hard, stability, dynamics, elements, models, reduced, contact),
+        *(hostile, fuzz, protection),
+    )
 }
-
 #: Parts of a study that `--only` selects.
 PARTS = {
-    "statics": (*statics.NAMES, *statics.ON_DEMAND),
-    "hard": hard.NAMES,
-    "stability": stability.NAMES,
-    "dynamics": dynamics.NAMES,
-    "elements": elements.NAMES,
-    "models": models.NAMES,
-    "reduced": reduced.NAMES,
-    "contact": contact.NAMES,
-    "hostile": hostile.NAMES,
-    "protection": protection.NAMES,
+    study.__name__.rpartition(".")[2]: study.NAMES
+    for study in (statics, hard, stability, dynamics, elements, models, reduced, contact, hostile, protection)
 }
 
 
@@ -90,7 +55,8 @@ def main() -> int:
     some = commands.add_parser("report", help="the report on some groups", description="the report on some groups")
     some.add_argument("groups", nargs="+", choices=list(catalogue.PARTS), metavar="GROUP", help=", ".join(catalogue.PARTS))
     _report_arguments(some)
-    for name, (study, options) in STUDIES.items():
+    for name, study in STUDIES.items():
+        options = signature(study).parameters
         command = commands.add_parser(name, help=study.__doc__, description=study.__doc__)
         if "quick" in options:
             command.add_argument("--quick", action="store_true", help="smaller meshes, as in the tests")
@@ -120,10 +86,8 @@ def main() -> int:
         except StvkError as error:
             print(f"error: {error}", file=sys.stderr)
             return 2
-    for unused in ("speed", "compare", "resume", *({"quick", "out"} - set(STUDIES[name][1]))):
-        arguments.pop(unused, None)
-    study, _ = STUDIES[name]
-    return study(**arguments)
+    study = STUDIES[name]
+    return study(**{option: arguments[option] for option in signature(study).parameters})
 
 
 def _report_arguments(parser: argparse.ArgumentParser) -> None:

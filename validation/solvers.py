@@ -1,4 +1,4 @@
-"""Time and memory of the linear solvers from 5 000 to 500 000 unknowns, and variants of multigrid."""
+"""Time and memory of the linear solvers from 5 000 to 500 000 unknowns."""
 
 from __future__ import annotations
 
@@ -7,22 +7,19 @@ import gc
 import json
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from collections.abc import Iterator
 from pathlib import Path
 from time import perf_counter
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
-import pyamg
 import skfem
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 from skfem_stvk import StVK, System
-from skfem_stvk.linear import SOLVERS, AmgCg, Kind, LinearSolver, Unknowns, amg, multigrid
+from skfem_stvk.linear import SOLVERS, Kind, LinearSolver, Unknowns
 from skfem_stvk.linear.pardiso import pardiso_is_installed
 from skfem_stvk.system import FreeOperator
 
@@ -34,7 +31,7 @@ LIMIT = 30  # [s]; runs with a longer expected time are skipped
 
 
 def main(quick: bool = False) -> int:
-    """Measure time and memory of the linear solvers on a cube and a slender beam, and variants of multigrid."""
+    """Measure time and memory of the linear solvers on a cube and a slender beam."""
     console = Console(highlight=False, width=132)
     ok = True
     for shape, sizes in (QUICK if quick else FULL).items():
@@ -42,7 +39,6 @@ def main(quick: bool = False) -> int:
         ok &= all(row.get("residual", 0) <= RTOL for row in rows)
         console.print(table_of(shape, rows))
         console.print()
-    console.print(variants(0.3 if quick else 1))
     return 0 if ok else 1
 
 
@@ -181,106 +177,6 @@ def table_of(shape: str, rows: list[dict[str, Any]]) -> Table:
         ]
         table.add_row(row["solver"], f"{row['n']}", *seconds, f"{row['iterations'] or ''}", f"{row['peak'] / 1e6:.0f} MB")
     return table
-
-
-def chebyshev(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
-    """Apply a Chebyshev polynomial of degree 2 in `D^-1 A` to the residual b, on the upper three quarters of the spectrum."""
-    if not hasattr(self, "rho"):
-        self.rho = self._spectral_radius()  # type: ignore[attr-defined]
-    top, D = self.rho, self._inverse.reshape(-1, 3, 3)  # type: ignore[attr-defined]
-    middle, half = 0.625 * top, 0.375 * top
-    apply = lambda r: np.einsum("nij,nj->ni", D, r.reshape(-1, 3)).ravel()  # noqa: E731
-    step = apply(b) / middle
-    x = step.copy()
-    r = b - self.A.product(self.single, x, np.empty_like(x))
-    rho = 1 / (2 * middle / half - half / middle)
-    x += rho * half / middle * step + 2 * rho / half * apply(r)
-    return x.astype(b.dtype)
-
-
-def chebyshev_forward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
-    """Smooth with a Chebyshev polynomial instead of a forward sweep."""
-    self.x[:] = chebyshev(self, b)
-    return np.asarray(b - self.A.product(self.single, self.x, self._residual))
-
-
-def chebyshev_backward(self: multigrid.Level, b: NDArray[Any]) -> NDArray[Any]:
-    """Smooth with a Chebyshev polynomial instead of a backward sweep."""
-    self.x += chebyshev(self, b - self.A.product(self.single, self.x, self._residual))
-    return self.x
-
-
-#: Patches of each variant of multigrid.
-VARIANTS: dict[str, list[tuple[Any, str, Any]]] = {
-    "as it is": [],
-    "V-cycle": [(multigrid.Hierarchy, "_twice", multigrid.Hierarchy._cycle)],
-    "double precision": [(module, "SINGLE", np.float64) for module in (multigrid, amg)],
-    "all couplings strong": [(multigrid, "STRONG", 0.0)],
-    "Chebyshev of degree 2": [(multigrid.Level, "forward", chebyshev_forward), (multigrid.Level, "backward", chebyshev_backward)],
-    "translations only": [(amg, "_modes", lambda unknowns: unknowns.near_null_space()[:, :3])],
-}
-
-
-def bodies(part: float) -> dict[str, Callable[[], tuple[Any, Unknowns]]]:
-    """Return bodies with their unknowns, about 50 000 for `part` = 1 and fewer for smaller values."""
-
-    def halves() -> tuple[Any, Unknowns]:
-        mesh = box("cube", round(25 * part))
-        return of_mesh(mesh, young=np.where(mesh.p[1][mesh.t].mean(axis=0) > 0.5, 1e9, 1e5))
-
-    def plate() -> tuple[Any, Unknowns]:
-        n = round(60 * part)
-        return of_mesh(skfem.MeshTet.init_tensor(np.linspace(0, 1, n + 1), np.linspace(0, 1, n + 1), np.linspace(0, 0.02, 4)))
-
-    return {
-        "cube": lambda: problem("cube", round(25 * part)),
-        "beam 10:1": lambda: problem("beam 10:1", round(11 * part)),
-        "soft and stiff 1:10^4": halves,
-        "poisson 0.45": lambda: of_mesh(box("cube", round(25 * part)), poisson=0.45),
-        "plate, elements 1:2.5": plate,
-    }
-
-
-def variants(part: float) -> Table:
-    """Return a table of iterations, and times of a second factorization and of a solve, of each variant on each body."""
-    table = Table(
-        title="amg-cg: iterations, seconds of a second factorization and of a solve",
-        title_justify="left",
-        box=None,
-        header_style="bold",
-    )
-    problems = {name: make() for name, make in bodies(part).items()}
-    table.add_column("variant")
-    for name, (_, unknowns) in problems.items():
-        table.add_column(f"{name}, {unknowns.n}", justify="right")
-    for name, patches in VARIANTS.items():
-        with ExitStack() as stack:
-            for target, attribute, value in patches:
-                stack.enter_context(patch.object(target, attribute, value))
-            cells = [cell(times_of(AmgCg(), *problem)) for problem in (problems["cube"], *problems.values())][1:]
-        table.add_row(name, *cells)
-    table.add_row("pyamg's own", *(cell(pyamg_times(*problem)) for problem in problems.values()))
-    return table
-
-
-def cell(row: dict[str, Any]) -> str:
-    """Return a cell of the table."""
-    return f"{row['iterations']} {row['again']:6.2f} {row['solve']:6.2f}"
-
-
-def pyamg_times(K: Any, unknowns: Unknowns) -> dict[str, Any]:
-    """Return iterations and times of pyamg with the same near-null space, Gauss-Seidel and its own conjugate gradients.
-
-    Each time includes the whole setup.
-    """
-    begin = perf_counter()
-    sweeps = {"presmoother": ("gauss_seidel", {"sweep": "forward"}), "postsmoother": ("gauss_seidel", {"sweep": "backward"})}
-    assert unknowns.near_null_space is not None
-    solver = pyamg.smoothed_aggregation_solver(K.tobsr((3, 3)), B=unknowns.near_null_space(), max_coarse=300, **sweeps)
-    middle, residuals = perf_counter(), []  # type: tuple[float, list[float]]
-    b = np.where(unknowns.component == 2, -1.0, 0.0)
-    solver.solve(b, tol=RTOL, accel="cg", maxiter=1000, residuals=residuals)
-    return {"iterations": len(residuals) - 1, "again": middle - begin, "solve": perf_counter() - middle}
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -83,14 +83,21 @@ class Linearized(NamedTuple):
     total: float
 
 
-class BlockPattern(Protocol):
-    """Pattern of K in blocks of node pairs."""
+class BlockPattern(ABC):
+    """Pattern of K in blocks of node pairs.
+
+    Attributes
+    ----------
+    indptr
+        Index (rows + 1,) of the first value of each row.
+    strides
+        Number of values (nv,) from one row of a vertex to its next row.
+    """
 
     indptr: NDArray[np.int32]
-    """Index (rows + 1,) of the first value of each row."""
     strides: NDArray[np.int32]
-    """Number of values (nv,) from one row of a vertex to its next row."""
 
+    @abstractmethod
     def block_indices(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the index (n,) of the first value of each block `(a, b)`."""
 

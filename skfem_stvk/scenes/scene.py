@@ -16,7 +16,7 @@ from ..arguments import path as checked_path
 from ..errors import StvkError
 from ..kernels.threads import threads
 from ..results.complete_files import OneWriter, replacing
-from ..solvers.runs.state_files import parts_of_state
+from ..solvers.state_files import parts_of_state
 from ..system import System
 from ..terminal import html_table
 from .build import Built, build, check, partition_of

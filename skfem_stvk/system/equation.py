@@ -28,8 +28,12 @@ class Equation:
 
     Attributes
     ----------
+    system
+        The body with all its displacements.
     states, space
         Spaces of the states and of the unknowns.
+    has_barrier
+        Whether surfaces of the body repel each other at a distance.
     no_step_limit
         Whether steps are taken without a limit by the inversion of elements.
     ignores_inversion
@@ -43,23 +47,15 @@ class Equation:
         self, body: System | Coordinates, tangent: FreeTangent | DenseTangent, watch: Callable[[str], AbstractContextManager[Any]]
     ) -> None:
         self.body, self.tangent, self._watch = body, tangent, watch
+        self.system = body.system if isinstance(body, Coordinates) else body
         self.states, self.space = body.space, tangent.space
+        self.has_barrier = any(contact.is_barrier for contact in self.system.contacts)
         self.ignores_inversion = body.constant_tangent  # a linear body has only one solution
         self.no_step_limit = self.ignores_inversion or isinstance(body, Coordinates)  # a reduced body checks elements at its states
 
     @property
-    def system(self) -> System:
-        """Body with all its displacements."""
-        return self.body.system if isinstance(self.body, Coordinates) else self.body
-
-    @property
     def iterative(self) -> bool:
         return self.tangent.solver.iterative
-
-    @property
-    def has_barrier(self) -> bool:
-        """Whether surfaces of the body repel each other at a distance."""
-        return any(contact.is_barrier for contact in self.system.contacts)
 
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
         """Solve `K x = b` to the tolerance `rtol`, or to `largest_rtol` if that is smaller."""

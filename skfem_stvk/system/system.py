@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
-from functools import cached_property
 from math import nan
 from typing import Any, TypeVar
 
@@ -15,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
-from ..edges.bound_term import joined
+from ..edges.bound_term import BoundTerm
 from ..edges.elements import checked_quadrature, nbytes
 from ..edges.pairs import AccumulatedBlocks, PairTerm
 from ..errors import LoadError, MeshError, StvkError, warn
@@ -27,8 +26,6 @@ from ..mesh.locations import DofsView
 from ..terminal import html_table
 from ..terms import (
     BoundLoad,
-    HasStress,
-    HoldsShape,
     Load,
     MeshContact,
     Term,
@@ -36,15 +33,14 @@ from ..terms import (
 )
 from ..terms.connectivity import connected
 from ..terms.loads.load import Time
-from ..terms.loads.rigid_contact import Displacement, rigid
 from ..units import UNITS, implausible_moduli
 from .bound import BoundTerms, checked_terms, elements_to_remove
 from .divided import refuse_divided
 from .mass import KINDS, Mass
-from .mechanisms import check_held, grounded_dofs
+from .mechanisms import check_held
 from .operator import TangentOperator, refuse_overflow
 from .pattern import BareDiagonal, FreeDofs, Pattern, Structure
-from .rigid import Pieces, parts_of
+from .rigid import Pieces
 from .supports import Displacements, Supports, dofs_at
 
 SystemType = TypeVar("SystemType", bound="System")
@@ -122,6 +118,8 @@ class System(BoundTerms):
         Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not.
     resists_inversion
         Whether a term resists the inversion of elements, as `VolumePenalty` does.
+    grounded
+        Degrees of freedom that foundations tie to the ground, ascending.
     removed, bare
         Ids of the removed elements, see `without`, and of nodes that have lost all their elements, ascending.
     made_from, made_of
@@ -257,38 +255,22 @@ class System(BoundTerms):
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
         whole = self._bare or BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
         super()._remove_elements(elements)
-        self.__dict__.pop("grounded", None)
         self._bare = BareDiagonal(whole.stiffness, self.bare)
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
-    def for_analysis(self: SystemType, in_time: bool) -> SystemType:
-        """Return the body for one analysis, with pairs of nodes of its own where contacts couple others as it moves; or itself.
+    def with_terms(self: SystemType, terms: Sequence[BoundTerm]) -> SystemType:
+        """Return the body with other bound terms, which couple the same pairs of nodes; or itself, if they are its own.
 
         Parameters
         ----------
-        in_time
-            Whether the analysis is a motion in time; otherwise it is a path of equilibria.
+        terms
+            Bound terms in the order of `bound_terms`.
         """
-        with self.units.of_errors():
-            terms = [term.for_analysis(in_time) for term in self.bound_terms]
         if all(one is term for one, term in zip(terms, self.bound_terms, strict=True)):
             return self
         other = copy(self)
         other._replace_bound(terms, self.bound_loads)
         other._masses = {kind: mass.of(other, other.body) for kind, mass in self._masses.items()}
-        return other
-
-    def with_moved_shapes(self: SystemType, motions: Mapping[str, Displacement]) -> SystemType:
-        """Return the body for one motion in time, in which the shapes of these contacts have displacements given by name.
-
-        Parameters
-        ----------
-        motions
-            Displacements by the name of a `RigidContact`.
-        """
-        moved: dict[Any, Any] = {one: one.moved_by(motions[one.name]) for one in rigid(self.contacts) if one.name in motions}
-        other = copy(self)
-        other._replace_bound([moved.get(term, term) for term in self.bound_terms], self.bound_loads)
         return other
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:
@@ -323,28 +305,28 @@ class System(BoundTerms):
         """
         if self._with_changing_pairs:
             x = self._state(u)
-            for term in self.terms_at(t):
-                term.look(x)
+            for one in (*self.terms_at(t), *self.bound_loads):
+                one.look(x)
 
     @property
-    @locked
     def pattern(self) -> Pattern:
         """Pattern of every K of this system, unless a term changes the nodes it couples; created on first use."""
-        version = self.pattern_version
-        if self._pattern is None or self._pattern.version != version:
-            pairs = [term.nodes_paired for term in self.bound_terms]
-            pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
-            self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
-        return self._pattern
+        with self._lock:
+            version = self.pattern_version
+            if self._pattern is None or self._pattern.version != version:
+                pairs = [term.nodes_paired for term in self.bound_terms]
+                pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
+                self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
+            return self._pattern
 
-    @locked
     def _rows(self) -> tuple[list[Any], list[Rows]]:
         """Return the indices of the blocks of terms and loads in the values of K, cached for each version of the pattern."""
-        pattern = self.pattern
-        if self._row_cache is None or self._row_cache[0] != pattern.version:
-            terms = [term.rows(pattern) for term in self.pair_terms]
-            self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
-        return self._row_cache[1:]
+        with self._lock:
+            pattern = self.pattern
+            if self._row_cache is None or self._row_cache[0] != pattern.version:
+                terms = [term.rows(pattern) for term in self.pair_terms]
+                self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
+            return self._row_cache[1:]
 
     def energy(self, u: ArrayLike, t: Time = 0.0) -> float:
         """Return the strain energy `W(u)` [J].
@@ -380,18 +362,21 @@ class System(BoundTerms):
         energy, force = self._energy_and_force(u, t, force)
         return energy, force.reshape(-1) if out is None else out
 
-    @locked
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None, t: Time = 0.0) -> csr_matrix:
         """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m].
 
         The pattern is always the same, unless a `MeshContact` couples other nodes, and zeros are stored.
         """
         x = self._state(u)
-        self.look(u, t)
-        if free is not None:
-            return self._free_part(x, t, free, out, ALL, lambda whole: self.tangent(u, whole, t=t))
-        K, rows_of_terms = self._matrix(out, self.pattern), self._rows()[0]
-        self.space.comm.together(self._fill, self.pairs_at(t), x, K.data, rows_of_terms, None)
+        with self._lock:
+            self.look(u, t)
+            K, rows_of_terms = self._to_fill(out, ALL, free)
+            if rows_of_terms is None:
+                assert free is not None
+                self._whole = self.tangent(u, self._last_whole(), t=t)
+                return free.matrix(self._whole, K)
+            with self.space.comm.together():
+                self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, free=free)
         return K
 
     @locked
@@ -431,7 +416,8 @@ class System(BoundTerms):
         elif self.space.comm.any(not self._operator.is_at(x)) or self._changing:
             self._operator.prepare(u, t=t)
         product = self._operator.matvec(y)
-        self.space.comm.together(refuse_overflow, product, "K v", x)
+        with self.space.comm.together():
+            refuse_overflow(product, "K v", x)
         return product
 
     def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL, t: Time = 0.0) -> TangentOperator:
@@ -461,12 +447,10 @@ class System(BoundTerms):
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
 
-        def of_part() -> None:
+        with self.space.comm.together():
             for load in self.bound_loads:
                 load.add_force(x, moment, force)
             refuse_overflow(force, "The external force", x)
-
-        self.space.comm.together(of_part)
         return self.space.share(force).ravel()
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
@@ -497,19 +481,23 @@ class System(BoundTerms):
         loads = self.external_force(u, t)
         return self.internal_force(u, t) - loads
 
-    @locked
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
         """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]."""
-        moment, factors, x = self._moment(t), _checked_tensions(kept), self._state(u)
-        self.look(u, t)
-        if free is not None:
-            return self._free_part(x, t, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
-        K, (rows_of_terms, of_loads) = self._matrix(out, self.pattern), self._rows()
-        self.space.comm.together(self._fill, self.pairs_at(t), x, K.data, rows_of_terms, None, factors)
-        for load, rows in zip(self._follower_loads, of_loads, strict=True):
-            load.add_stiffness(x, moment, rows, K.data)
+        factors, x = _checked_tensions(kept), self._state(u)
+        with self._lock:
+            moment = self._moment(t)
+            self.look(u, t)
+            K, rows_of_terms = self._to_fill(out, factors, free)
+            if rows_of_terms is None:
+                assert free is not None
+                self._whole = self.jacobian(u, t, self._last_whole(), kept=kept)
+                return free.matrix(self._whole, K)
+            with self.space.comm.together():
+                self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, factors, free=free)
+            for load, rows in zip(self._follower_loads, self._rows()[1], strict=True):
+                load.add_stiffness(x, moment, rows, K.data)
         return K
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
@@ -542,14 +530,11 @@ class System(BoundTerms):
 
     def elastic_energies(self, u: ArrayLike, t: Time = 0.0) -> list[float]:
         """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy."""
-
-        def of_part() -> Array:
+        with self.space.comm.together():
             x = by_vertex(self.mesh, u)
-            energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.terms_at(t)]
-            refuse_overflow(sum(energies), "W", x)
-            return np.array(energies, dtype=np.float64)
-
-        energies = self.space.comm.total(self.space.comm.together(of_part)).tolist()
+            of_part = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.terms_at(t)]
+            refuse_overflow(sum(of_part), "W", x)
+        energies = self.space.comm.total(np.array(of_part, dtype=np.float64)).tolist()
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
     @locked
@@ -573,11 +558,6 @@ class System(BoundTerms):
                 self._masses[kind] = KINDS[kind](self, self.body, self.supports.held)
         return self._masses[kind]
 
-    @cached_property
-    def grounded(self) -> NDArray[np.int64]:
-        """Degrees of freedom that foundations tie to the ground, ascending."""
-        return self.space.union(grounded_dofs(self.bound_terms), self.ndofs)
-
     def foundation_force(self, u: ArrayLike) -> Array:
         """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force."""
         return self._force_on_body(self.foundations, u, "The force of foundations")
@@ -591,7 +571,8 @@ class System(BoundTerms):
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in terms:
             term.energy_and_force(x, force)
-        self.space.comm.together(refuse_overflow, force, name, x)
+        with self.space.comm.together():
+            refuse_overflow(force, name, x)
         return -self.space.share(force).ravel()
 
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
@@ -615,13 +596,13 @@ class System(BoundTerms):
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
 
-        def of_part() -> Array:
+        coefficients = np.zeros(5)
+        with self.space.comm.together():
             x, y = by_vertex(self.mesh, u), by_vertex(self.mesh, v, "v")
-            coefficients: Array = sum((term.along(x, y) for term in self.bound_terms), np.zeros(5))
+            for term in self.bound_terms:
+                coefficients = coefficients + term.along(x, y)
             refuse_overflow(coefficients, "W along a line", x)
-            return coefficients
-
-        return self.space.comm.total(self.space.comm.together(of_part))
+        return self.space.comm.total(coefficients)
 
     def round_off(self, u: ArrayLike, t: Time = 0.0) -> Array:
         """Return the sums (ndofs,) of the absolute values of all contributions to `F(u)` [N].
@@ -631,11 +612,9 @@ class System(BoundTerms):
         """
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
 
-        def of_part() -> None:
+        with self.space.comm.together():
             for term in self.terms_at(t):
                 term.add_round_off(x, sums)
-
-        self.space.comm.together(of_part)
         return self.space.share(sums).ravel()
 
     def check_held(self, u: ArrayLike | None = None, t: Time = 0.0) -> None:
@@ -654,10 +633,7 @@ class System(BoundTerms):
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.body.terms:
-            if isinstance(term, HasStress):
-                solid[self.mesh.elements(term.region)] = True
-            elif isinstance(term, HoldsShape):
-                solid[term.elements_held_in_shape(self.mesh)] = True
+            solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
         x, touching = self._state(np.zeros(self.ndofs) if u is None else u), None
         if self.contacts:
@@ -665,10 +641,6 @@ class System(BoundTerms):
             touching = np.concatenate(nodes), np.concatenate(directions)
         constrained = np.union1d(self.supports.held, stay)
         check_held(self.mesh, self.bound_terms, constrained, solid & ~self.body.removed, touching)
-
-    def parts(self) -> NDArray[np.int32]:
-        """Return the part number (nv,) of each node: parts are connected by terms."""
-        return parts_of([joined(term) for term in self.bound_terms], self.mesh.nv, self.space)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """Return the degrees of freedom that are not `fixed`; the object also restricts K to them without slicing.
@@ -761,8 +733,12 @@ class System(BoundTerms):
 
         `terms` are those of `pairs_at`, and `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
         """
-        every = [(*kept.of(term), term, rows) for term, rows in zip(terms, rows_of_terms, strict=True)]
-        every.sort(key=lambda one: one[0] == 1)  # terms with edge damping first, because their factor multiplies all values so far
+        damped: list[tuple[float, Tensions, Any, Any]] = []
+        others: list[tuple[float, Tensions, Any, Any]] = []
+        for term, rows in zip(terms, rows_of_terms, strict=True):
+            factor, own = kept.of(term)
+            (others if factor == 1 else damped).append((factor, own, term, rows))
+        every = damped + others  # terms with edge damping first, because their factor multiplies all values so far
         add = self.mesh.d**2 * every[0][3].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
@@ -781,33 +757,29 @@ class System(BoundTerms):
             self._bare.write(self.pattern, data, free)
         return energy
 
-    def _free_part(
-        self,
-        x: Array,
-        t: Time,
-        free: FreeDofs,
-        out: csr_matrix | None,
-        kept: Tensions,
-        make: Callable[[csr_matrix | None], csr_matrix],
-    ) -> csr_matrix:
-        """Return K over the free degrees of freedom.
+    def _to_fill(self, out: csr_matrix | None, kept: Tensions, free: FreeDofs | None) -> tuple[csr_matrix, list[Any] | None]:
+        """Return the matrix that is filled, and the indices of the blocks of terms in its values.
 
-        It is assembled directly if all contributions support this. Otherwise it is a part of the whole K, from `make`.
+        K over the `free` degrees of freedom is filled directly if all contributions support this. Otherwise the indices are None,
+        and it is a part of the whole K.
         """
+        if free is None:
+            return self._matrix(out, self.pattern), self._rows()[0]
         if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
             raise StvkError(
                 f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has another "
                 "pattern."
             )
-        K, indices = self._matrix(out, free.structure), free.value_indices
-        if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
-            rows_of_terms = [rows.part(indices) for rows in self._rows()[0]]
-            self.space.comm.together(lambda: self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, kept, free=free))
-            return K
-        with self._lock:
-            whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
-            self._whole = make(whole)
-            return free.matrix(self._whole, K)
+        structure, indices = free.restriction()
+        K = self._matrix(out, structure)
+        for term in self.pair_terms:
+            if not term.by_rows(kept):
+                return K, None
+        return K, None if self._follower_loads else [rows.part(indices) for rows in self._rows()[0]]
+
+    def _last_whole(self) -> csr_matrix | None:
+        """Return the whole K that was assembled last for a part of it, to be overwritten; None if there is none."""
+        return self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
 
     def implausible(self) -> list[str]:
         """Return, in a sentence each, the Young's moduli that are implausible in the units of the system.
@@ -822,7 +794,7 @@ class System(BoundTerms):
         >>> System(plate, StVK(young=2.1e5, poisson=0.3), units="mm-N-MPa").implausible()
         []
         """
-        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if hasattr(term, "material")]
+        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if term.material is not None]
         size = float(np.ptp(self.mesh.bounds, axis=1).max())
         moduli = {f"material {number}: young": getattr(law, "young", None) for number, law in enumerate(laws)}
         return implausible_moduli(moduli, self.units, size)
@@ -843,6 +815,15 @@ class System(BoundTerms):
         elements = ", ".join(f"{mesh.element_count} {mesh.kind}" for mesh in meshes)
         rows = [("elements", elements), ("degrees of freedom", self.space.count), *terms, *supports]
         return html_table("System", rows)
+
+
+def for_analysis(system: SystemType, in_time: bool) -> SystemType:
+    """Return the body for one motion in time, or for one path of equilibria; the body itself if no term has an own state for it.
+
+    Contacts that couple other nodes as the body moves have pairs of nodes of their own.
+    """
+    with system.units.of_errors():
+        return system.with_terms([term.for_analysis(in_time) for term in system.bound_terms])
 
 
 def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:

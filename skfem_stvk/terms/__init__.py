@@ -4,7 +4,7 @@ from typing import Any
 
 from ..edges.bound_term import BoundElements, BoundTerm
 from .body import Body
-from .bound_load import BoundLoad
+from .bound_load import BoundLoad, Load, is_load
 from .laws.corotated import Corotated
 from .laws.edge_network import EdgeNetwork
 from .laws.invertible import InvertibleStVK
@@ -23,17 +23,7 @@ from .loads.rigid_contact import RigidContact
 from .loads.rigid_mesh import RigidMesh
 from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .loads.times import Ramp, Sine, Table
-from .protocols import (
-    Deformation,
-    HasPressure,
-    HasResponse,
-    HasStress,
-    HoldsShape,
-    Load,
-    PointResponse,
-    Term,
-    is_load,
-)
+from .term import Deformation, PointResponse, Term
 
 #: Terms that scenes know, by their `type`.
 TERMS: dict[str, Any] = {
@@ -69,10 +59,6 @@ __all__ = [
     "ElasticFoundation",
     "Friction",
     "Gravity",
-    "HasPressure",
-    "HasResponse",
-    "HasStress",
-    "HoldsShape",
     "InvertibleStVK",
     "LinearElastic",
     "Load",

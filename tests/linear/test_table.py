@@ -28,15 +28,6 @@ def test_a_run_beyond_the_time_limit_is_skipped_and_reported(monkeypatch):
     assert "not run: some" in console.export_text()
 
 
-@pytest.mark.parametrize("variant", solvers.VARIANTS)
-def test_every_variant_of_multigrid_solves(variant, monkeypatch):
-    for target, name, value in solvers.VARIANTS[variant]:
-        monkeypatch.setattr(target, name, value)
-    K, unknowns = solvers.problem("beam 10:1", 3)
-    row = solvers.times_of(solvers.AmgCg(), K, unknowns)
-    assert row["residual"] <= solvers.RTOL and 5 < row["iterations"] < 120
-
-
 def test_the_operator_is_the_matrix():
     operator, unknowns = solvers.problem("cube", 3, matrix_free=True)
     K, _ = solvers.problem("cube", 3)

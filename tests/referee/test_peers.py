@@ -8,10 +8,9 @@ import pytest
 from bodies import distorted, turned_round
 from skfem import MeshTet
 
-from skfem_stvk import Gravity, StVK, StvkError, System, simulate
+from skfem_stvk import StVK, StvkError, System
 from skfem_stvk.referee.peers import PEERS, available, load
 from skfem_stvk.referee.peers.peer import Package, require
-from skfem_stvk.solvers.dynamics import ForwardEuler, LinearBackwardEuler
 
 YOUNG, POISSON = 2.0, 0.3
 LIMIT = 1e-12
@@ -145,39 +144,3 @@ def test_ngsolve_without_a_compiler_reports_that_it_is_not_compiled(body, monkey
     assert not peer.compiled and peer.name == "NGSolve (no compiler)"
     u = STATES["crumpled"]
     assert abs(peer.tangent(u) - body.tangent(u)).max() <= LIMIT * abs(body.tangent(u)).max()
-
-
-@pytest.mark.parametrize(
-    ("integrator", "dt", "ours", "limit"), [("discrete", 5e-3, LinearBackwardEuler, 1e-3), ("Euler", 2e-4, ForwardEuler, 1e-9)]
-)
-def test_motions_of_mujoco_agree_with_this_package(integrator, dt, ours, limit):
-    """MuJoCo's integrators agree with linearised backward Euler and with symplectic Euler.
-
-    The implicit integrator has the tangent clamped element by element.
-    """
-    pytest.importorskip("mujoco")
-    from validation.dynamics.against_mujoco import Moving, MuJoCoMotion
-
-    p, t = part()
-    wall, gravity = np.flatnonzero(p[0] < 1e-9), (0.5, 0.0, -2.0)
-    system = System((p, t), [StVK(young=YOUNG, poisson=POISSON, density=0.1), Gravity(gravity)], fixed=[(wall, "xyz")])
-    v = 0.5 * np.cross((0, 1, 2), p.T).ravel()
-    v.reshape(-1, 3)[wall] = 0
-    peer = MuJoCoMotion(p, t, YOUNG, POISSON, Moving(system.mass().vertex, wall, gravity, dt, integrator, 1e-14))
-    peer.begin(0 * v, v)
-    for _ in range(20):
-        peer.step()
-    options = {} if ours is ForwardEuler else {"tangent": "clamped", "rtol": 1e-13}
-    u = simulate(system, ours(dt=dt, **options), until=20 * dt, v0=v, quiet=True).u
-    assert peer.solved() and abs(u).max() > 0.3 * 20 * dt and abs(peer.displacements() - u).max() <= limit * abs(u).max()
-
-
-def test_a_solve_of_mujoco_without_convergence_is_reported(tmp_path, monkeypatch):
-    pytest.importorskip("mujoco")
-    from validation.dynamics.against_mujoco import Moving, MuJoCoMotion
-
-    monkeypatch.chdir(tmp_path)  # MuJoCo writes its log there
-    p, t = part()
-    peer = MuJoCoMotion(p, t, YOUNG, POISSON, Moving(np.full(p.shape[1], 1e-3), np.arange(3), (0.0, 0.0, -2.0), 1.0, iterations=1))
-    peer.step()
-    assert not peer.solved()

@@ -53,7 +53,7 @@ from skfem_stvk.results.shapes import MARGIN, surface_of, surroundings
 from skfem_stvk.scenes import scene_report as report
 from skfem_stvk.solvers.newton.newton import End
 from skfem_stvk.solvers.runs.ledger import Ledger
-from skfem_stvk.solvers.runs.state_files import read_state
+from skfem_stvk.solvers.state_files import read_state
 
 LAW = NeoHookean(young=3e4, poisson=0.3, density=1000.0)
 CUBE = box((0.1, 0.1, 0.1), (2, 2, 2))

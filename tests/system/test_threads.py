@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from bodies import BODIES, MESHES, box, state
 from kernels.parts import in_parts
+from system.shared_by_threads import CASES, measure
 
 from skfem_stvk import Anisotropic, StVK, System
 from skfem_stvk.kernels import threads as kernel_threads
 from skfem_stvk.system.pattern import Pattern
-from validation.threads import CASES, measure
 
 SOME = ["tetrahedra, two regions", "tetrahedra, anisotropic", "membrane, isotropic", "cable, fibres"]
 needs_two = pytest.mark.skipif(numba.config.NUMBA_NUM_THREADS < 2, reason="this machine has one core")

@@ -30,6 +30,7 @@ from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MotionState
 from skfem_stvk.system.round_off import EPS
+from skfem_stvk.system.system import for_analysis
 from skfem_stvk.terms.loads.load import Moment, StepStart
 
 MU, G, SIZE, DENSITY = 0.3, 9.81, 0.1, 1e3
@@ -148,7 +149,7 @@ def test_energy_momentum_does_not_stop_where_an_undamped_body_sticks(kind, shape
 def rubbing(contact, x=0.0):
     """Return a block in an analysis in time that touches and slips, its displacements (nv, d), and those before the step."""
     body = block(contact, 0.5, x)[0]
-    system = body.for_analysis(in_time=True)
+    system = for_analysis(body, in_time=True)
     rng = np.random.default_rng(1)
     start = 1e-5 * rng.normal(size=(system.mesh.nv, 3)) - [0, 0, 1e-5]
     return system, start + 2e-7 * rng.normal(size=start.shape), start
@@ -175,7 +176,7 @@ def test_the_round_off_of_friction_counts_displacements(contact):
     """A displacement by 1/3 km rounds the slips. The errors are within the estimate, and above that of the normal force alone."""
     system, u, start = rubbing(contact)
     if contact == "mesh":
-        system = pair(friction=RUBBING, law=STIFF)[0].for_analysis(in_time=True)
+        system = for_analysis(pair(friction=RUBBING, law=STIFF)[0], in_time=True)
         start = by_node(deformed(system)[0])
         u = start + 2e-7 * np.random.default_rng(2).normal(size=start.shape)
     far = np.array([FAR / 3, 0, 0])

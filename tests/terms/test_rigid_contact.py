@@ -43,8 +43,8 @@ from skfem_stvk import (
 from skfem_stvk.edges import NONE as GAUSS_NEWTON
 from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.solvers.dynamics import steps
+from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint
 from skfem_stvk.solvers.runs.archive import read_archive, write_archive
-from skfem_stvk.solvers.runs.state_files import MOTION
 from skfem_stvk.terms.loads.load import Moment, StepStart
 
 LAW = StVK(young=1e3, poisson=0.3, density=1.0)
@@ -400,7 +400,7 @@ def thrown(stiffness=1e9, cells=2, speed=100.0, rests=True):
 def test_a_checkpoint_with_a_damaged_history_is_refused(change, words, tmp_path):
     contact = floor(friction=Friction(0.3, slip_speed=0.05))
     dropped(contact, BackwardEuler(1e-3), 0.005, checkpoint=tmp_path)
-    header, arrays = read_archive(tmp_path / "motion.npz", MOTION, "")
+    header, arrays = read_archive(tmp_path / "motion.npz", MotionCheckpoint.known, "")
     history = arrays.pop("history 0")
     write_archive(tmp_path / "motion.npz", header, arrays if change is None else arrays | {"history 0": change(history)})
     with pytest.raises(StvkError, match=f"is damaged: {words}"):

@@ -1,18 +1,14 @@
 """The quick studies of elements hold, and they detect planted faults."""
 
 import warnings
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from skfem_stvk import StvkWarning
 from validation import elements
-from validation.elements import costs, flag, hard, orders, programs, solvers, trials, work_precision
+from validation.elements import costs, flag, orders, programs, trials, work_precision
 from validation.elements.families import BOXES, ONE_POINT, P1, P2, onto, outwards, ring
-from validation.hard import study
-from validation.hard.case import Truth
-from validation.hard.judge import volume_ratios
 from validation.statics.manufactured import body_force, displacement, gradient, nominal_stress
 
 
@@ -53,6 +49,7 @@ def test_a_wrong_traction_is_detected(monkeypatch):
     assert not orders.orders(quick=True)[0].passed
 
 
+@pytest.mark.slow
 def test_turek_and_hrons_reference_is_reproduced_on_coarse_meshes():
     at_rest, in_motion = flag.flag_of_quadratic_triangles(quick=True)
     assert at_rest.passed and in_motion.passed, (at_rest.failures, in_motion.failures)
@@ -73,6 +70,7 @@ def test_work_and_precision_is_plotted(tmp_path):
     assert found.pictures[0].stat().st_size > 10_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trial", trials.TRIALS[1:], ids=lambda trial: trial.name)
 def test_both_programs_agree_at_prescribed_ends(trial):
     mine = programs.ours(trial, P2, 1)
@@ -81,12 +79,14 @@ def test_both_programs_agree_at_prescribed_ends(trial):
     assert np.abs(mine.result).min() > 0
 
 
+@pytest.mark.slow
 def test_a_block_of_linear_elements_or_boxes_locks_and_one_of_one_point_boxes_does_not():
     families = (P2, 3), (P1, 4), (BOXES, 4), (ONE_POINT, 4)
     truth, linear, boxes, one_point = (programs.ours(trials.SHEARED, family, n).result[0] for family, n in families)
     assert min(linear, boxes) / truth > 1.5 and abs(one_point / truth - 1) < 0.1
 
 
+@pytest.mark.slow
 def test_a_fast_program_with_another_result_is_detected():
     def reached(w):
         solved = programs.Solved(10, np.array([0.0, 0.0, w]), 5, 1.0, np.array([1.0]))
@@ -97,33 +97,10 @@ def test_a_fast_program_with_another_result_is_detected():
 
 
 @pytest.mark.slow
-def test_costs_and_solvers_are_measured():
-    (cost,), of_solvers = costs.costs(quick=True), list(solvers.solvers(quick=True))
-    assert cost.passed and len(of_solvers) == 3 and all(study.passed for study in of_solvers)
+def test_costs_are_measured():
+    (cost,) = costs.costs(quick=True)
+    assert cost.passed
     assert {row[0] for row in cost.rows} == {choice.name for choice in costs.CHOICES}
-
-
-@pytest.mark.slow
-def test_hard_cases_with_quadratic_elements_are_not_wrong_without_a_warning():
-    at_rest, in_motion = hard.hard_cases(quick=True)
-    assert at_rest.passed and in_motion.passed, (at_rest.failures, in_motion.failures)
-    assert any(row[3].startswith("right") for row in at_rest.rows) and any(row[3].startswith("right") for row in in_motion.rows)
-
-
-def test_the_judge_finds_quadratic_elements_that_fold_over():
-    case = next(case for case in study.cases(("crushed",), quick=True) if "20 %" in case.name)
-    system = hard.quadratic(case).body().system(volume=False)
-    u = np.zeros((system.mesh.nv, 3))
-    assert volume_ratios(system, u.ravel()).min() == pytest.approx(1.0)
-    u[-1] = 0.4, -0.2, 0.1  # a node in the middle of an edge, which the corners do not move
-    assert volume_ratios(system, u.ravel()).min() < 0
-
-
-def test_cases_without_a_right_state_of_linear_elements_may_have_one_of_quadratic_elements():
-    case = next(case for case in study.cases(("deformed",), quick=True) if case.name.startswith("twist a bar of 5"))
-    assert case.truth.error is None and hard.quadratic(case).truth.error is not None
-    closed = replace(case, truth=Truth("none: closed form", None))
-    assert hard.quadratic(closed).truth.error is None
 
 
 def test_the_command_prints_the_requested_studies(capsys, monkeypatch):

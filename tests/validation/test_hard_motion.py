@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from slow import slow
 
-from skfem_stvk.solvers.dynamics import ForwardEuler, Status, VelocityVerlet, simulate
+from skfem_stvk.solvers.dynamics import Status, VelocityVerlet, simulate
 from validation.hard import table
 from validation.hard.case import made
 from validation.hard.judge import Verdict, volume_ratios
-from validation.hard.motion import endings, judge, memory, methods, study, verlet
+from validation.hard.motion import endings, judge, methods, study, verlet
 from validation.hard.motion.impacts import UNTIL, _crushed, _dropped, _shaken
 from validation.hard.motion.released import _let_go
 from validation.hard.motion.stiff import SPIN, THROWN, _between, _rotated, _spun
@@ -33,7 +33,7 @@ SAYS_INSIDE_OUT, SAYS_ENERGY = (
 )
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "scene",
     [*(slow(scene) if scene.name in LONG else scene for scene in QUICK), *map(slow, QUADRATIC)],
@@ -44,7 +44,7 @@ def test_no_integrator_is_wrong_without_a_warning_and_the_plain_one_is(scene, tm
     assert not list(study.failures(row))
     assert [run.method for run in row.runs] == list(methods.METHODS)
     assert [run.method for run in row.runs if run.verdict is Verdict.WRONG] == ["plain eq. 9"]
-    table.save([row], tmp_path, study.NAME, methods.METHODS)
+    table.save([row], tmp_path, study.IN_MOTION)
     with (tmp_path / f"{study.NAME}.csv").open(encoding="utf-8") as file:
         assert len(list(csv.reader(file))) == 1 + len(row.runs)
 
@@ -60,12 +60,14 @@ def test_an_integrator_that_ignores_inversion_is_detected(monkeypatch, beginning
     assert [failure for failure in study.failures(study.row_of(scene)) if "eq. 9: reported as success" in failure]
 
 
+@pytest.mark.slow
 def test_an_integrator_that_loses_energy_without_a_warning_is_detected(monkeypatch):
     monkeypatch.setattr("skfem_stvk.solvers.dynamics.loop.REPORTED", np.inf)
     scene = a_scene("crack a whip")
     assert methods.run(scene, "backward Euler").verdict is Verdict.WRONG
 
 
+@pytest.mark.slow
 def test_a_required_method_that_is_not_right_is_detected(monkeypatch):
     monkeypatch.setitem(methods.METHODS, "energy-momentum", methods.METHODS["backward Euler"])
     scene = replace(a_scene("crush a block by 25 %"), methods=("energy-momentum",))
@@ -121,6 +123,7 @@ def test_no_method_reports_success_for_a_block_inverted_by_shaking():
     assert ends["forward Euler, dt=None"] == ends["eq. 9"] == "reached the end, but with inverted elements"
 
 
+@pytest.mark.slow
 def test_a_reported_success_with_inverted_elements_is_detected(monkeypatch):
     monkeypatch.setattr(
         "skfem_stvk.solvers.newton.outcome.Status.success", property(lambda self: self in (Status.FINISHED, Status.ENDED_INVERTED))
@@ -134,7 +137,7 @@ def test_a_reported_success_is_wrong_if_there_is_no_right_motion(landing):
     assert judge.judged(system, motion.u, motion.v, True, "", endings.none(0.1)).why == "no right motion"
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("make", "inverted"),
     [
@@ -156,6 +159,7 @@ def test_quadratic_elements_invert_at_the_times_in_the_table():
     assert verlet.followed(DROPPED, False, UNTIL, 2000, 2).inverted == np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "volume"), [(DROPPED, False), (DROPPED, True), (STRETCHED, True)])
 def test_tiny_steps_of_quadratic_elements_are_small_enough(make, volume):
     """With half of the steps, the change is far below the limit of the judge."""
@@ -179,6 +183,7 @@ def test_the_reference_agrees_with_the_package_for_weight_supports_and_velocitie
         assert motion.energy == pytest.approx(run.ledger["total_energy"][-1], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_tiny_steps_are_small_enough():
     """With half of the steps, the change is far below the limit of the judge."""
     for scene in QUICK:
@@ -193,6 +198,7 @@ def test_tiny_steps_are_small_enough():
             assert error < 0.1 * endings.LIMIT and (error == 0) == (part == steps)
 
 
+@pytest.mark.slow
 def test_a_core_of_1e5_pa_is_as_rigid_as_one_of_1e4_pa():
     """A core of 1e5 Pa may therefore replace one of 1e9 Pa in the reference."""
     bodies = [verlet.followed(partial(_between, young), True, 1.0, 1000) for young in (1e5, 1e4)]
@@ -207,23 +213,3 @@ def test_the_thrown_block_flips():
     along = np.argmax(system.mesh.p[1])  # vertex near the axis of the spin
     assert SPIN[1] > 10 * SPIN[0] and SPIN[1] * THROWN > np.pi
     assert (system.mesh.p[1] + u[1::3])[along] < 0
-
-
-@pytest.mark.parametrize("which", [slow(0), 1, 2], ids=["explicit", "energy-momentum", "eq. 9"])
-def test_only_the_ledger_grows(which):
-    integrator, few, _ = memory.LONG[which]
-    growth = memory.grown(integrator, few)
-    assert growth.holds, growth
-
-
-def test_growing_memory_is_detected():
-    """An integrator that retains 100 bytes per step fails the claim."""
-    retained = []
-
-    class Leaking(memory.Watched):
-        def step(self, state, t):
-            retained.append(bytes(100))
-            super().step(state, t)
-
-    growth = memory.grown(ForwardEuler(dt=memory.DT), 5_000, Leaking)
-    assert growth.other > 4_000 * 100 and not growth.holds

@@ -122,15 +122,3 @@ def test_the_quick_study_prints_its_tables(capsys):
     F, K = map(int, own[" tetrahedra"])
     assert 207 < F < 1.5 * 207 and 604 < K < 1.5 * 604  # of the best Total Lagrangian element, from positions and without W
     assert int(own[" quadratic tetrahedra"][0]) < int(own[" quadratic tetrahedra, curved"][0]) < 14 * F
-
-
-def test_compiled_sources_compute_the_same(truth):
-    pytest.importorskip("numba")
-    from validation.operations.timing import call, shortest
-
-    body = Body(MESH, *LAME)
-    calls = {(a.quantity, a.name): call(a, body, truth[0]) for a in ALGORITHMS if a.name in ("edges", "Total Lagrangian")}
-    for key, once in calls.items():
-        for computed, right in zip(once(), count(algorithm(*key), body, truth[0])[1], strict=True):
-            assert abs(computed - right).max() <= 1e-13 * abs(right).max()
-    assert shortest(calls, 1).keys() == calls.keys()

@@ -1,33 +1,33 @@
-"""Studies of contact with rigid shapes and between bodies, against closed forms and balances."""
+"""Contact with rigid shapes and between bodies, against closed forms and balances."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = (
-    "patch",
-    "hertz",
-    "stiffness",
-    "capstan",
-    "slope",
-    "bar",
-    "bounce",
-    "pair",
-    "balls",
-    "ironing",
-    "collision",
-    "precision",
-    "hard",
-)
-#: Quick runs leave out these studies, unless `--only` names them.
-WHOLE_ONLY = ("stiffness", "hard")
+from ..study import run
+
+#: Modules and functions of the studies by name.
+STUDIES = {
+    "patch": "pressed.patch",
+    "hertz": "hertz.hertz",
+    "capstan": "pressed.capstan",
+    "slope": "motions.slope",
+    "bar": "motions.bar",
+    "bounce": "motions.bounce",
+    "pair": "pairs.pair",
+    "balls": "between.balls",
+    "ironing": "between.ironing",
+    "collision": "pairs.collision",
+    "hard": "hard.hard",
+}
+NAMES = tuple(STUDIES)
+#: Quick runs leave out this study, unless `--only` names it.
+WHOLE_ONLY = ("hard",)
 
 
 def main(quick: bool = False, only: Sequence[str] = ()) -> int:
     """Compare contact with closed forms and balances: pressures, Hertz's ball, friction, impacts and energies."""
-    from .studies import run
-
-    return run(only or [name for name in NAMES if not (quick and name in WHOLE_ONLY)], quick)
+    return run(__name__, STUDIES, only or [name for name in NAMES if not (quick and name in WHOLE_ONLY)], quick)
 
 
-__all__ = ["NAMES", "main"]
+__all__ = ["NAMES", "STUDIES", "main"]

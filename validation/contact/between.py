@@ -12,7 +12,7 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.results.contact_forces import contact_state
 
-from ..statics.study import Study
+from ..study import Study
 from .check import Check, study_of
 from .hertz import ELEMENTS, POISSON, YOUNG, approach, ball, hertz_force
 

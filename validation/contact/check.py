@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..statics.study import Study
+from ..study import Study
 
 
 class Check(NamedTuple):

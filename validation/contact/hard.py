@@ -30,7 +30,7 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh, box
 
 from ..statics.meshes import strip
-from ..statics.study import Study
+from ..study import Study
 from .pairs import at_bottom, nodes_of, stacked
 
 GRAVITY = 9.81

@@ -20,7 +20,7 @@ from skfem_stvk import ElementMesh, LinearElastic, NeoHookean, RigidContact, Rig
 from skfem_stvk.mesh import read_mesh
 
 from ..bench.meshes import gmsh_session
-from ..statics.study import Study
+from ..study import Study
 from .check import Check, study_of
 
 YOUNG, POISSON = 1.0, 0.3  # of a ball of radius 1
@@ -60,22 +60,6 @@ def hertz(quick: bool) -> Study:
         checks,
         f"E = R = 1, nu = {POISSON:g}; quadratic tetrahedra, {ELEMENTS} along a; stiffness {STIFFNESS:g} E/h",
         "further indentation: relative to linear elasticity at the same force; published, not compared",
-    )
-
-
-def stiffness(quick: bool) -> Study:
-    """Measure the error in force and the Newton iterations of a pressed ball for several stiffnesses and onsets."""
-    found = [(*penalty, pressed(LinearElastic, SIZES[2], *penalty)) for penalty in PENALTIES]
-    errors = {(onset, k): one.force - 1 for onset, k, one in found}
-    return Study(
-        "A ball between two plates, a/R = 0.1: stiffness and onset of the contact",
-        f"without onset the force is within {FORCE_LIMIT:.1%} of Hertz's from 100 E/h on",
-        ("onset/h", "stiffness h/E", "error in force", "iterations", "s"),
-        tuple(
-            (f"{onset:g}", f"{k:g}", f"{one.force - 1:+.2%}", f"{one.iterations}", f"{one.seconds:.1f}") for onset, k, one in found
-        ),
-        tuple(f"{k:g} E/h: {errors[0, k]:+.2%}" for k in (100.0, 1000.0) if not abs(errors[0, k]) <= FORCE_LIMIT),
-        ("linear elasticity, one load step",),
     )
 
 

@@ -22,7 +22,7 @@ from skfem_stvk import (
 from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh, box
 
-from ..statics.study import Study
+from ..study import Study
 from .check import Check, study_of
 
 #: The slope: coefficient of friction, gravity [m/s^2], speed up to which friction rises [m/s], and angles in friction angles.

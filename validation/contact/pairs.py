@@ -12,7 +12,7 @@ from skfem_stvk import EnergyMomentum, MeshContact, StVK, System, simulate, solv
 from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh, box
 
-from ..statics.study import Study
+from ..study import Study
 from .check import Check, study_of
 
 YOUNG, DENSITY = 3e4, 1e3

@@ -26,7 +26,7 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh
 
 from ..statics.meshes import moved_box
-from ..statics.study import Study
+from ..study import Study
 from .check import Check, study_of
 
 YOUNG, POISSON = 1e3, 0.3

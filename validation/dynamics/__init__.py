@@ -4,17 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = (
-    *("independent", "csm3", "flight", "vibrations", "limit", "large-steps", "fast-swings", "blow-ups", "tangents"),
-    *("work-precision", "speed", "step-solvers"),
-)
+from ..study import run
+
+#: Modules and functions of the studies by name.
+STUDIES = {
+    "independent": "independent.independent",
+    "csm3": "csm3.csm3",
+    "flight": "flight.flight",
+    "vibrations": "vibrations.vibrations",
+    "work-precision": "work_precision.work_precision",
+    "speed": "real_time.speed",
+}
+NAMES = tuple(STUDIES)
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """Compare integrators with published motions, eigenfrequencies and references; stability limits, work-precision, speed."""
-    from .studies import run
-
-    return run(only or NAMES, quick, out)
+    """Compare integrators with published motions, eigenfrequencies and references; work-precision, speed."""
+    return run(__name__, STUDIES, only or NAMES, quick, out)
 
 
-__all__ = ["NAMES", "main"]
+__all__ = ["NAMES", "STUDIES", "main"]

@@ -22,8 +22,8 @@ from skfem_stvk.solvers.dynamics import BackwardEuler, EnergyMomentum, Generaliz
 from ..slopes import draw_slope
 from ..statics.meshes import Array, strip
 from ..statics.orders import extrapolated, fitted_order
-from ..statics.study import Study
 from ..statics.turek_hron import CENTRE, DENSITY, END, GRAVITY, POISSON, flag
+from ..study import Study
 from .oscillation import Oscillation
 from .scenes import COLOURS, MARKERS
 

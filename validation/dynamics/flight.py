@@ -16,6 +16,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from skfem_stvk import Gravity, System
+from skfem_stvk.arguments import Array
 from skfem_stvk.solvers.dynamics import (
     BackwardEuler,
     EnergyMomentum,
@@ -32,8 +33,8 @@ from skfem_stvk.solvers.dynamics import (
 from skfem_stvk.solvers.dynamics.integrators import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
 from skfem_stvk.solvers.dynamics.integrators.implicit import Implicit
 
-from ..statics.study import Study
-from .scenes import COLOURS, MARKERS, SOFT, Array, block
+from ..study import Study
+from .scenes import COLOURS, MARKERS, SOFT, block
 
 QUANTITIES = (ENERGY, LINEAR_MOMENTUM, ANGULAR_MOMENTUM)
 DT, UNTIL, QUICK_UNTIL = 1e-3, 2.0, 0.2

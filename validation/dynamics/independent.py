@@ -19,12 +19,12 @@ from scipy.sparse.linalg import splu
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, Gravity, StVK, System
+from skfem_stvk.arguments import Array
 from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 from skfem_stvk.solvers.dynamics import EnergyMomentum, GeneralizedAlpha, Integrator, Newmark, VelocityVerlet, simulate
 
 from ..statics.meshes import moved_box
-from ..statics.study import Study
-from .scenes import Array
+from ..study import Study
 
 YOUNG, POISSON, DENSITY = 1e5, 0.3, 1000.0
 UNTIL, STEPS, QUICK_STEPS = 0.05, 800, 400

@@ -1,4 +1,4 @@
-"""Speed of motions: the largest bar in real time, cost of a step, iterations by stiffness, and MuJoCo on the same bar.
+"""Speed of motions: the largest bar in real time.
 
 Times are those of `simulate`, including ledger and checks, over the whole motion, and the best of a few runs. On one thread they
 are CPU times, without the work of other processes.
@@ -8,32 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import numba
-import numpy as np
 
 from skfem_stvk.solvers.dynamics import VelocityVerlet
 
-from ..statics.study import Study
-from .against_mujoco import against_mujoco
-from .first_guesses import first_guesses
-from .scenes import expected, reached
-from .step_cost import explicit_cost, split
-from .swing import LENGTH, POISSON, PUSH, RTOL, SIDE, TANGENT, YOUNG, Timed, bar, eq9, on_threads, push, timed
+from ..bench.costs import threads as on_threads
+from ..study import Study
+from .scenes import expected
+from .swing import LENGTH, POISSON, PUSH, RTOL, SIDE, TANGENT, YOUNG, Timed, bar, eq9, push, timed
 
 #: Smallest and largest number of cells across the bar: 12 n^3 tetrahedra.
 FEWEST, MOST = 2, 18
 #: Cells across the bar of the quick version.
 QUICK = 4
-STIFFNESSES, TOLERANCES, ACROSS = (1e4, 3e4, 1e5, 3e5, 1e6), (1e-2, 1e-3, 1e-4), 8
-#: Largest change of the motion of the bar's end by the tolerance of the iterations.
-OFF = 0.01
 FRAME = 1 / 60
-#: Stiffnesses [Pa] and tolerances of the largest bars.
-STIFFER, LOOSER = (3e4, 1e5, 1e6), (1e-4, 1e-3)
 
 
 class Pace(NamedTuple):
@@ -79,19 +70,9 @@ class Pace(NamedTuple):
 
 
 def speed(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
-    """Measure the largest bar in real time, the cost of a step, iterations by stiffness, and MuJoCo on the same bar."""
+    """Measure the largest bar in real time."""
     with on_threads(1), expected():
-        n = QUICK if quick else 12
-        step = split(bar(n), eq9(60), push(n))
-        return (
-            _real_time(quick),
-            _stiffer(quick),
-            explicit_cost(quick),
-            step,
-            _iterations(quick),
-            first_guesses(quick),
-            *against_mujoco(quick),
-        )
+        return (_real_time(quick),)
 
 
 def _paces() -> tuple[Pace, ...]:
@@ -136,49 +117,5 @@ def _real_time(quick: bool) -> Study:
             "gradients on one thread in all cases",
             "with steps of 1 ms and less, which lose little energy, a few elements at the clamped corners invert; this is accepted",
             "ms: time per step, or per frame of 1/60 s with Verlet's automatic steps; 12 n^3 tetrahedra with integer n",
-        ),
-    )
-
-
-def _stiffer(quick: bool) -> Study:
-    """Find the largest bars by stiffness and tolerance."""
-    rows = []
-    for young, rtol in product(STIFFER[:1] if quick else STIFFER, LOOSER):
-        pace = Pace("eq. 9, 60 steps/s", FRAME, partial(_steps, 60, 1.0, young=young, rtol=rtol))
-        (_, _, *numbers, _), _ = pace.row(1, QUICK if quick else pace.largest())
-        rows.append((f"{young:g}", f"{rtol:g}", *numbers))
-    return Study(
-        "Real time, stiffer and looser",
-        "",
-        ("E, Pa", "rtol", "tetrahedra", "ms", "iterations"),
-        tuple(rows),
-        notes=("the largest bars that reach 60 steps/s with eq. 9 on one thread",),
-    )
-
-
-def _iterations(quick: bool) -> Study:
-    """Count iterations by stiffness and tolerance, and measure the change of the motion, at the step rates of the claims."""
-    n, rows, failures = QUICK if quick else ACROSS, [], []
-    for rate, young in [*((60, young) for young in (STIFFNESSES[:2] if quick else STIFFNESSES)), (1000, YOUNG)]:
-        system, v = bar(n, young), push(n)
-        exact = reached(system, eq9(rate, 1e-10), until=1.0, v0=v, probes={"end": [0]}).ledger["end x"]
-        counts, errors = [], {}
-        for rtol in TOLERANCES:
-            run = reached(system, eq9(rate, rtol), until=1.0, v0=v, probes={"end": [0]})
-            counts.append(run.iterations / rate)
-            errors[rtol] = float(np.abs(run.ledger["end x"] - exact).max() / np.abs(exact).max())
-        off = [f"{error:.1e}" for error in errors.values()]
-        rows.append((str(rate), f"{young:g}", f"{exact.max():.3f}", *(f"{count:.3g}" for count in counts), *off))
-        if errors[RTOL] > OFF:
-            failures.append(f"{rate} steps/s, E = {young:g} Pa: rtol = {RTOL:g} changes the motion by {errors[RTOL]:.1%}")
-    return Study(
-        "Iterations",
-        f"rtol = {RTOL:g} changes the motion by less than {OFF:.0%}",
-        ("steps/s", "E, Pa", "swing, m", *(f"rtol {rtol:g}" for rtol in TOLERANCES), *(f"off, {rtol:g}" for rtol in TOLERANCES)),
-        tuple(rows),
-        tuple(failures),
-        (
-            f"iterations of conjugate gradients per step, {12 * n**3} tetrahedra, 1 s; 'off': largest deviation of "
-            "the bar's end from the motion with rtol = 1e-10, over its swing",
         ),
     )

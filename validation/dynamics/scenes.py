@@ -11,11 +11,7 @@ import numpy as np
 import skfem
 
 from skfem_stvk import ElementMesh, Gravity, StVK, StvkWarning, System
-from skfem_stvk.arguments import Array
 from skfem_stvk.solvers.dynamics import Integrator, Run, SimulationError, Status, simulate
-from skfem_stvk.solvers.dynamics.integrators.implicit import Implicit, ImplicitStepper
-from skfem_stvk.solvers.dynamics.motion import Motion
-from skfem_stvk.solvers.dynamics.record import MotionState
 
 from ..statics.meshes import moved_box
 
@@ -23,8 +19,6 @@ from ..statics.meshes import moved_box
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 #: Markers of the same number of curves.
 MARKERS = "os^DvPX"
-#: Probe at the end of a cantilever, for the ledger.
-TIP = {"tip": lambda x: x[0] == x[0].max()}
 SOFT = StVK(young=1e5, poisson=0.3, density=1000.0)
 
 
@@ -46,18 +40,6 @@ def reached(system: System, integrator: Integrator, **options: Any) -> Run:
     if run.status not in (Status.FINISHED, Status.ENDED_INVERTED):
         raise SimulationError(run)
     return run
-
-
-def begun(system: System, integrator: Implicit, v: Array) -> tuple[ImplicitStepper, MotionState]:
-    """Return a stepper and its initial state, for single steps without a ledger.
-
-    The state is undeformed with velocities `v` (ndofs,) [m/s].
-    """
-    motion = Motion(system, "lumped", None)
-    stepper, state = integrator.stepper(motion), MotionState.at(0.0, np.zeros_like(v), v)
-    state.v[motion.free.fixed] = 0.0
-    stepper.start(state)
-    return stepper, state
 
 
 @contextmanager

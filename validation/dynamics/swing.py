@@ -5,8 +5,6 @@ It swings by half of its length.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from time import perf_counter, thread_time
 from typing import NamedTuple
 
@@ -15,9 +13,10 @@ import numpy as np
 import skfem
 
 from skfem_stvk import ElementMesh, Gravity, StVK, System
+from skfem_stvk.arguments import Array
 from skfem_stvk.solvers.dynamics import Integrator, LinearBackwardEuler, Run
 
-from .scenes import Array, reached
+from .scenes import reached
 
 LENGTH, SIDE, PUSH, GRAVITY = 0.3, 0.15, 2.0, (0.0, 0.0, -9.81)
 YOUNG, POISSON, DENSITY = 3e4, 0.4, 1000.0
@@ -61,17 +60,6 @@ def push(n: int) -> Array:
 def eq9(rate: float, rtol: float = RTOL) -> LinearBackwardEuler:
     """Return linearised backward Euler with the parameters of the timings."""
     return LinearBackwardEuler(dt=1 / rate, rtol=rtol, tangent=TANGENT)
-
-
-@contextmanager
-def on_threads(count: int) -> Iterator[None]:
-    """Run the kernels on `count` threads within the `with` block."""
-    before = numba.get_num_threads()
-    numba.set_num_threads(count)
-    try:
-        yield
-    finally:
-        numba.set_num_threads(before)
 
 
 def clock() -> float:

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from skfem_stvk import System
+from skfem_stvk.arguments import Array
 from skfem_stvk.solvers.dynamics import (
     BackwardEuler,
     EnergyMomentum,
@@ -32,8 +33,8 @@ from skfem_stvk.solvers.dynamics import (
 from skfem_stvk.solvers.dynamics.critical_step import critical_step
 from skfem_stvk.solvers.dynamics.modes import modes
 
-from ..statics.study import Study
-from .scenes import Array, block
+from ..study import Study
+from .scenes import block
 
 #: Largest displacement [m]; the block is 0.4 m long.
 SMALL = 1e-10

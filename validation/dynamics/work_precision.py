@@ -19,6 +19,7 @@ from matplotlib.ticker import NullFormatter
 
 from skfem_stvk import Gravity, System, solve_static
 from skfem_stvk.about import write_machine
+from skfem_stvk.arguments import Array
 from skfem_stvk.solvers.dynamics import (
     BackwardEuler,
     EnergyMomentum,
@@ -35,9 +36,9 @@ from skfem_stvk.solvers.dynamics.modes import modes
 from skfem_stvk.solvers.dynamics.step_matrix import StepTangent
 
 from ..slopes import draw_slope
-from ..statics.study import Study
+from ..study import Study
 from .flight import SPIN
-from .scenes import COLOURS, MARKERS, Array, block, cantilever, expected
+from .scenes import COLOURS, MARKERS, block, cantilever, expected
 
 EXPLICIT = (ForwardEuler, VelocityVerlet)
 IMPLICIT = (LinearBackwardEuler, BackwardEuler, Newmark, GeneralizedAlpha, EnergyMomentum)

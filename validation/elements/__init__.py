@@ -1,17 +1,24 @@
-"""Elements: orders of convergence, cost for a given precision, the flag with quadratic triangles, and hard cases."""
+"""Elements: orders of convergence, cost for a given precision, and the flag with quadratic triangles."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("orders", "work-precision", "turek-hron", "costs", "solvers", "hard", "peers")
+from ..study import run
+
+#: Modules and functions of the studies by name.
+STUDIES = {
+    "orders": "orders.orders",
+    "work-precision": "work_precision.work_precision",
+    "turek-hron": "flag.flag_of_quadratic_triangles",
+    "costs": "costs.costs",
+}
+NAMES = tuple(STUDIES)
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """Measure orders, work-precision and costs of all elements; the flag and the hard cases with quadratic elements."""
-    from .studies import run
-
-    return run(only or NAMES, quick, out)
+    """Measure orders, work-precision and costs of all elements; the flag with quadratic triangles."""
+    return run(__name__, STUDIES, only or NAMES, quick, out)
 
 
-__all__ = ["NAMES", "main"]
+__all__ = ["NAMES", "STUDIES", "main"]

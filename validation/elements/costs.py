@@ -13,7 +13,7 @@ import skfem
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.arguments import Array
 
-from ..statics.study import Study
+from ..study import Study
 
 REPEATED, QUICK_REPEATED = 15, 2
 #: Cells along each side by dimension.

@@ -16,8 +16,8 @@ from ..dynamics.csm3 import RTOL
 from ..dynamics.csm3 import YOUNG as YOUNG_IN_MOTION
 from ..dynamics.oscillation import Oscillation
 from ..statics.meshes import strip
-from ..statics.study import Study
 from ..statics.turek_hron import CASES, CENTRE, DENSITY, END, GRAVITY, POISSON, flag
+from ..study import Study
 from .families import numbers_of
 
 MESHES = ((35, 2), (70, 4), (140, 8), (280, 16))

@@ -12,7 +12,7 @@ from skfem_stvk.arguments import Array
 
 from ..statics.manufactured import POISSON, YOUNG, body_force, displacement, gradient, nominal_stress
 from ..statics.orders import fitted_order
-from ..statics.study import Study
+from ..study import Study
 from .families import BOXES, EXACT, ONE_POINT, P1, P2, Family, of_scikit_fem, onto, outwards
 
 LIMIT = 0.25

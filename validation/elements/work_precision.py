@@ -14,7 +14,7 @@ from skfem_stvk.about import write_machine
 from skfem_stvk.arguments import Array
 
 from ..slopes import draw_slope
-from ..statics.study import Study
+from ..study import Study
 from .families import P2
 from .programs import OURS, THEIRS, Solved, ours, theirs
 from .trials import BENT, SHEARED, TRIALS, TWISTED, Trial

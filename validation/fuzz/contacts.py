@@ -13,6 +13,7 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.system.system import for_analysis
 from skfem_stvk.terms.loads.load import Moment, StepStart
 
 RIGID = ("plane", "sphere", "inside a sphere", "cylinder", "inside a cylinder", "box", "rounded box")
@@ -228,7 +229,7 @@ def _check_work(term: Any, x0: Array, x1: Array, limit: float, noise: Array) -> 
 
 def _check_friction(system: System, x: Array, slip: Array) -> None:
     """Check that friction takes energy, that other states do not change it, and that its history can be restored."""
-    body = system.for_analysis(in_time=True)
+    body = for_analysis(system, in_time=True)
     start = StepStart(body.advanced(body.first_history(), x.ravel(), Moment(0.0, 1.0)), in_time=True)
     (term,) = body.contacts_at(Moment(1e-3, 1.0, step=start))
     found = force_of(term, x + slip)

@@ -37,7 +37,6 @@ CALLS: dict[str, Call] = {
     "copied": lambda s, u, v: deepcopy(s).internal_force(u),
     "round_off": lambda s, u, v: s.round_off(u),
     "mass": lambda s, u, v: s.mass(),
-    "parts": lambda s, u, v: s.parts(),
     "inside_out": lambda s, u, v: s.inside_out(u),
     "step_limit": lambda s, u, v: s.step_limit(u, v),
     "smallest_volume_ratio": lambda s, u, v: s.smallest_volume_ratio(u),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections import Counter
 from collections.abc import Callable
 from functools import partial
@@ -17,6 +16,7 @@ from rich.table import Table
 
 from skfem_stvk.terminal import WIDTH, grid
 
+from ..limits import limited
 from .bodies import check_body, recipes, touching
 from .files import mesh_files, read_damaged_mesh, read_damaged_scene, scene_files
 from .programs import programs, run_program
@@ -24,10 +24,6 @@ from .solves import check_motion, check_solve, motions, solves
 
 #: Number of cases of a family per chunk, and the time limit of a case [s], most of which is the compilation of kernels.
 CHUNK, LONGEST = 250, 120.0
-
-
-class Hang(Exception):
-    """Error of a case that exceeded its time limit."""
 
 
 def families(folder: Path) -> dict[str, tuple[Any, Callable[[Any], bool]]]:
@@ -87,7 +83,7 @@ def chunk(drawn: Any, check: Callable[[Any], bool], number: int, size: int, coun
     def one(case: Any) -> None:
         counts["cases"] += not smallest  # without the cases with which Hypothesis shrinks a wrong one
         try:
-            counts["went through" if limited(partial(check, case)) else "refused"] += not smallest
+            counts["went through" if limited(partial(check, case), LONGEST) else "refused"] += not smallest
         except Exception as error:
             smallest["case"] = f"{case!r}\n{type(error).__name__}: {error}"
             raise
@@ -105,23 +101,6 @@ def chunk(drawn: Any, check: Callable[[Any], bool], number: int, size: int, coun
     except Exception as error:
         return smallest.get("case", f"{type(error).__name__}: {error}")
     return ""
-
-
-def limited(call: Callable[[], bool]) -> bool:
-    """Return the result of the call. If the system has alarms, a call that takes too long raises `Hang`."""
-    if not hasattr(signal, "SIGALRM"):
-        return call()
-    before = signal.signal(signal.SIGALRM, _alarm)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST, LONGEST)  # repeated: exceptions in callbacks of the garbage collector are lost
-    try:
-        return call()
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
-
-
-def _alarm(*_: Any) -> None:
-    raise Hang(f"no result within {LONGEST:g} s")
 
 
 def table(counts: dict[str, Counter[str]]) -> Table:

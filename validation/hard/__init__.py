@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-#: Names of the files with cases at rest, and of the two tables of motions.
-NAMES = ("deformed", "crushed", "elements", "starts", "unstable", "slender", "slack", "scales", "motion", "memory")
+#: Names of the files with cases at rest, and of the table of motions.
+NAMES = ("deformed", "crushed", "elements", "starts", "unstable", "slender", "slack", "scales", "motion")
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:

@@ -99,9 +99,3 @@ def graded(layers: int = 5, factor: float = 11.0) -> ElementMesh:
     layer = mesh.p.max(axis=0)
     size = np.where(layer > 0, factor ** (layer - layers), 0)
     return of_both_orientations(ElementMesh(mesh.p * size / np.maximum(layer, 1), mesh.t))
-
-
-def longest_edges(mesh: ElementMesh) -> Array:
-    """Return the longest edge of each element [m], (nt,)."""
-    x = mesh.p.T[mesh.t.T]
-    return np.linalg.norm(x[:, :, None] - x[:, None], axis=3).max(axis=(1, 2))

@@ -5,23 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from importlib import import_module
 from pathlib import Path
-from time import perf_counter
 
 from rich.console import Console
-from rich.markup import escape
 
 from skfem_stvk.terminal import WIDTH
 
+from . import table
 from .case import Case
 from .judge import Verdict
 from .methods import METHODS, OURS, Run
 from .methods import run as run_method
-from .motion.study import memory, motion
-from .pictures import picture
-from .table import Row, printed, save, tally
+from .motion.study import motion
+from .table import Row
 
 #: Groups that have tables of their own, with functions that return the failed claims.
-TABLES: dict[str, Callable[[Console, bool, Path | None], list[str]]] = {"motion": motion, "memory": memory}
+TABLES: dict[str, Callable[[Console, bool, Path | None], list[str]]] = {"motion": motion}
 
 
 def run(names: Sequence[str], quick: bool, out: str | None) -> int:
@@ -36,18 +34,8 @@ def run(names: Sequence[str], quick: bool, out: str | None) -> int:
 
 def at_rest(console: Console, names: Sequence[str], quick: bool, out: Path | None) -> list[str]:
     """Print the table of these groups, and return the failed claims."""
-    begin, rows = perf_counter(), []
-    for case in cases(names, quick):
-        console.print(f"[dim]{perf_counter() - begin:5.0f} s  {escape(case.name)}[/]")
-        rows.append(row_of(case))
-    failed = [failure for row in rows for failure in failures(row)]
-    lines = [*tally(rows), *(f"[bold red]DOES NOT HOLD[/] {escape(failure)}" for failure in failed)]
-    if rows and out is not None:
-        lines += [f"written: {path}" for path in (*save(rows, out), picture(rows, out))]
-    if rows:
-        console.print(printed(rows), *lines, sep="\n")
-        console.print(f"{len(rows)} cases in {perf_counter() - begin:.0f} s" + ("" if failed else ": every claim holds"))
-    return failed
+    todo = cases(names, quick)
+    return table.shown(console, todo, row_of, failures, table.AT_REST, out) if todo else []
 
 
 def group(name: str) -> list[Case]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from textwrap import wrap
+from time import perf_counter
+from typing import Any, NamedTuple
 
+from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
@@ -49,13 +52,44 @@ class Row:
         return "; ".join([case.truth.source, *differ])
 
 
-def printed(rows: Sequence[Row], title: str = "Hard cases", reasons: bool = True) -> Table:
-    """Return the table for a rich console; `reasons` adds the last column.
+class Style(NamedTuple):
+    """Title and file name of a table, its methods, and whether the last column says why a result is wrong."""
 
-    Name, size and right outcome are left of the methods.
-    """
-    shown = len(SHORT) if reasons else len(SHORT) - 1
-    table = grid(title, "case, size, truth", *SHORT[:shown], right=SHORT[1:4])
+    title: str
+    name: str
+    methods: tuple[str, ...]
+    reasons: bool = True
+
+
+AT_REST = Style("Hard cases", "hard-cases", tuple(METHODS))
+
+
+def shown(
+    console: Console,
+    cases: Sequence[Any],
+    row_of: Callable[[Any], Row],
+    failures: Callable[[Row], Iterator[str]],
+    style: Style,
+    out: Path | None,
+) -> list[str]:
+    """Run the cases, print progress and the table, save it in the folder `out`, and return the failed claims."""
+    begin, rows = perf_counter(), []
+    for case in cases:
+        console.print(f"[dim]{perf_counter() - begin:5.0f} s  {escape(case.name)}[/]")
+        rows.append(row_of(case))
+    failed = [failure for row in rows for failure in failures(row)]
+    lines = [*tally(rows, style.methods), *(f"[bold red]DOES NOT HOLD[/] {escape(failure)}" for failure in failed)]
+    if out is not None:
+        lines += [f"written: {path}" for path in save(rows, out, style)]
+    console.print(printed(rows, style), *lines, sep="\n")
+    console.print(f"{len(rows)} cases in {perf_counter() - begin:.0f} s" + ("" if failed else ": every claim holds"))
+    return failed
+
+
+def printed(rows: Sequence[Row], style: Style = AT_REST) -> Table:
+    """Return the table for a rich console. Name, size and right outcome are left of the methods."""
+    shown = len(SHORT) if style.reasons else len(SHORT) - 1
+    table = grid(style.title, "case, size, truth", *SHORT[:shown], right=SHORT[1:4])
     for row in rows:
         head = [f"[dim]{escape(line)}[/]" for line in wrap(f"{row.size}; {row.truth}", NARROW)]
         lines = zip_longest([escape(line) for line in wrap(row.case.name, NARROW)] + head, map(_cells, row.runs))
@@ -78,19 +112,19 @@ def _cut(text: str, most: int) -> str:
     return text if len(text) <= most else text[: most - 1] + "…"
 
 
-def tally(rows: Sequence[Row], methods: Iterable[str] = METHODS) -> Iterator[str]:
+def tally(rows: Sequence[Row], methods: Iterable[str]) -> Iterator[str]:
     """Yield the numbers of right, reported and wrong outcomes of each method."""
     for method in methods:
         verdicts = [run.verdict for row in rows for run in row.runs if run.method == method]
         yield f"{method:<24}  " + ", ".join(f"{verdicts.count(verdict):2d} {verdict.value.lower()}" for verdict in Verdict)
 
 
-def save(rows: Sequence[Row], folder: Path, name: str = "hard-cases", methods: Iterable[str] = METHODS) -> tuple[Path, Path]:
+def save(rows: Sequence[Row], folder: Path, style: Style = AT_REST) -> tuple[Path, Path]:
     """Write NAME.md, one line per case, and NAME.csv, one line per run with its complete message."""
     folder.mkdir(parents=True, exist_ok=True)
     head = ("case", "size", "truth")
     lines = [(row, run) for row in rows for run in row.runs]
-    methods, markdown, table = tuple(methods), folder / f"{name}.md", folder / f"{name}.csv"
+    methods, markdown, table = style.methods, folder / f"{style.name}.md", folder / f"{style.name}.csv"
     with markdown.open("w", encoding="utf-8") as file:
         for cells in ([*head, *methods], ["---"] * (len(head) + len(methods)), *(_marked(row, methods) for row in rows)):
             file.write("| " + " | ".join(cells) + " |\n")

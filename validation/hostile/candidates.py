@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import skfem
-from scipy.sparse import bsr_matrix, coo_matrix, csr_matrix, dia_matrix
+from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import LinearOperator
 
 from skfem_stvk import Report, StVK, System, verify
@@ -74,27 +74,6 @@ def entry(index: int, value: int) -> Callable[[Any], Any]:
     return change
 
 
-def coo_outside(body: System, u: Any) -> coo_matrix:
-    """Return K in COO format, with a row far out of range."""
-    K = body.tangent(u).tocoo()
-    K.row = entry(0, 10**8)(K.row.copy())
-    return K
-
-
-def bsr_outside(body: System, u: Any) -> bsr_matrix:
-    """Return K in BSR format, with a block column far out of range."""
-    K = body.tangent(u).tobsr((3, 3))
-    K.indices = entry(0, 10**8)(K.indices.copy())
-    return K
-
-
-def dia_short(body: System, u: Any) -> dia_matrix:
-    """Return K in DIA format, with one offset missing."""
-    K = body.tangent(u).todia()
-    K.offsets = K.offsets[:-1]
-    return K
-
-
 class Unchecked(csr_matrix):
     """Matrix whose own check accepts any indices."""
 
@@ -143,15 +122,6 @@ class Array:
         raise SystemExit(4)
 
 
-class Shapeless:
-    """Matrix whose shape raises an exception."""
-
-    @property
-    def shape(self) -> Any:
-        """Raise an exception outside `Exception`."""
-        raise Own
-
-
 class Properties:
     """Candidate whose methods raise an exception on access."""
 
@@ -173,17 +143,6 @@ def wrong_every_third_time(body: System) -> Candidate:
     """Return a candidate with a relative error of 1e-6 in every third force."""
     calls = iter(range(10**9))
     return Candidate(body, internal_force=lambda body, u: body.internal_force(u) * (1 + 1e-6 * (next(calls) % 3 == 2)))
-
-
-def clears_tangent(body: System) -> Candidate:
-    """Return a candidate that always returns the same K and sets its values to zero in the next call of the force."""
-    K = body.tangent(np.zeros(body.ndofs))
-
-    def force(body: System, u: Any) -> Any:
-        K.data[:] = 0
-        return body.internal_force(u)
-
-    return Candidate(body, tangent=lambda body, u: body.tangent(u, out=K), internal_force=force)
 
 
 def overwrites_u(body: System) -> Candidate:
@@ -212,7 +171,6 @@ def reusing(body: System) -> Candidate:
 RIGHT: dict[str, Callable[[System], Any]] = {
     "overwrites u": overwrites_u,
     "one buffer for all calls": reusing,
-    "one buffer, spoilt in between": clears_tangent,
 }
 
 
@@ -246,25 +204,17 @@ WRONG: dict[str, Callable[[System], Any]] = dict(
         ),
         wrong_of("columns far outside", tangent=changed(indices=entry(0, 10**8))),
         wrong_of("negative columns", tangent=changed(indices=entry(0, -5))),
-        wrong_of("one column too many", tangent=changed(indices=lambda a: a + 1)),
         wrong_of("row pointers far outside", tangent=changed(indptr=entry(-1, 10**9))),
         wrong_of("row pointers that go back", tangent=changed(indptr=entry(2, 0))),
-        wrong_of("negative row pointers", tangent=changed(indptr=entry(1, -7))),
-        wrong_of("row pointers that end at 0", tangent=changed(indptr=lambda a: np.where(np.arange(len(a)) == 1, 10**7, 0))),
         wrong_of("too few row pointers", tangent=changed(indptr=lambda a: a[:-3])),
         wrong_of("too few values", tangent=changed(data=lambda a: a[: len(a) // 2])),
-        wrong_of("no values", tangent=changed(data=lambda a: a[:0])),
         wrong_of("values of text", tangent=changed(data=lambda a: a.astype(str))),
         wrong_of("values of objects", tangent=changed(data=lambda a: a.astype(object))),
         wrong_of("columns that are no whole numbers", tangent=changed(indices=lambda a: a + 0.5)),
-        wrong_of("coordinates outside", tangent=coo_outside),
-        wrong_of("blocks outside", tangent=bsr_outside),
-        wrong_of("diagonals without offset", tangent=dia_short),
         wrong_of("a matrix that lies", tangent=unchecked),
         wrong_of("K of a huge shape", tangent=lambda body, u: csr_matrix((10**6, 10**6))),
         wrong_of("K dense and not finite", tangent=lambda body, u: np.full((body.ndofs,) * 2, np.inf)),
         wrong_of("K masked", tangent=lambda body, u: np.ma.masked_all((body.ndofs,) * 2)),
-        wrong_of("K without a shape", tangent=lambda body, u: Shapeless()),
         wrong_of("an operator that quits", tangent=operator(quits)),
         wrong_of("an operator that raises its own", tangent=operator(own)),
         wrong_of("an operator with a short product", tangent=operator(lambda v: v[:-1])),

@@ -10,13 +10,15 @@ from typing import Any, NoReturn
 
 from skfem_stvk.errors import AnalysisError, StvkError
 
+#: Control characters that must not appear in output that does not go to a terminal.
+CONTROL = {chr(code) for code in (*range(32), 127, *range(128, 160))} - {"\n", "\r"}
+
 
 class Verdict(Enum):
     """End of a case: a readable error, a correct result, or a fault."""
 
     REFUSED = "refused"
     RIGHT = "right"
-    NOT_RUN = "not run"
     TRACEBACK = "traceback"
     SILENT = "silent"
     HANG = "hang"
@@ -27,7 +29,7 @@ class Verdict(Enum):
     @property
     def wrong(self) -> bool:
         """Whether the verdict is a fault."""
-        return self not in (Verdict.REFUSED, Verdict.RIGHT, Verdict.NOT_RUN)
+        return self not in (Verdict.REFUSED, Verdict.RIGHT)
 
 
 class Wrong(Exception):
@@ -36,10 +38,6 @@ class Wrong(Exception):
     def __init__(self, verdict: Verdict, why: str) -> None:
         super().__init__(why)
         self.verdict, self.why = verdict, why
-
-
-class NotRun(Exception):
-    """Reason why a case cannot run on this machine, for example a package that is not installed."""
 
 
 def accepted(result: Any) -> NoReturn:
@@ -61,8 +59,8 @@ class Case:
     name
         Name, unique in its family, for example "msh: cut at 40 %".
     attempt
-        Function that a child process calls with the path of an empty folder, its working folder. `refused` judges its exceptions,
-        `judge` its result. It may raise `Wrong` or `NotRun` to give a verdict itself.
+        Function of the path of an empty folder, which is the working folder. `refused` judges its exceptions, `judge` its result.
+        It may raise `Wrong` to give a verdict itself.
     judge
         Function of the result of `attempt`; raises `Wrong` if the result is not correct. The default refuses every result, because
         most inputs must raise an error.
@@ -72,7 +70,7 @@ class Case:
     seconds
         Time limit [s].
     gigabytes
-        Limit of the address space that the case may use in addition to the child process before it [GiB].
+        Limit of the address space that the case may use in addition [GiB].
     quick
         Whether the case belongs to the quick version, which the tests run.
     """

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import random
 import re
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,8 +23,6 @@ COUNTS = ("+1", "-1", "0", "-7", "1000000000", "1000000000000000", "999999999999
 IDS = ("0", "-3", "1", "4294967299", "1000000000", "9223372036854775807", "18446744073709551619", "nan", "3.5", "x")
 REFERENCES = ("-5", "-2", "900", "4294967297", "4294967300", "9223372036854775808", "1e9", "nan", "2.5", "x")
 COORDINATES = ("nan", "inf", "-inf", "1e999", "x", "1..0", "")
-#: Number of files of each format in which one random byte is changed; the seed is part of the case's name.
-FLIPS = 20
 
 
 def cases() -> Iterator[Case]:
@@ -34,7 +30,6 @@ def cases() -> Iterator[Case]:
     yield from cuts()
     yield from numbers()
     yield from rows()
-    yield from flips()
     yield from tiny_files.cases()
 
 
@@ -78,14 +73,6 @@ def rows() -> Iterator[Case]:
             yield mutated(f"{name}: a second {section.decode()}", name, partial(second, section=section))
 
 
-def flips() -> Iterator[Case]:
-    """Yield files with one random byte changed. The result may be another valid mesh, or a readable error."""
-    for name in FORMATS:
-        for seed in range(FLIPS):
-            case = mutated(f"{name}: byte changed at random, seed {seed}", name, partial(flipped, seed=seed))
-            yield Case(case.name, case.attempt, a_mesh, seconds=case.seconds)
-
-
 def cut(content: bytes, part: float) -> bytes:
     """Return the first part of a file."""
     return content[: int(part * len(content))]
@@ -122,14 +109,6 @@ def second(content: bytes, section: bytes) -> bytes:
     return content + body
 
 
-def flipped(content: bytes, seed: int) -> bytes:
-    """Return a file with one byte changed. In a text file, the new character is one of the same file."""
-    draw = random.Random(seed)
-    index = draw.randrange(len(content))
-    new = draw.choice(content) if content.isascii() else draw.randrange(256)
-    return content[:index] + bytes([new]) + content[index + 1 :]
-
-
 def mutated(name: str, file: str, change: Change, quick: bool = False) -> Case:
     """Return the case of a changed file: `read_mesh` must refuse it, or return the mesh before the change."""
 
@@ -160,9 +139,3 @@ def same_mesh(mesh: ElementMesh, file: str) -> None:
             Verdict.SILENT,
             f"read the subdomains {list(mesh.subdomains)}; expected {list(whole.subdomains)} with the same elements",
         )
-
-
-def a_mesh(mesh: Any) -> None:
-    """Raise `Wrong` unless the result is a mesh with finite coordinates: the judge of files that may contain another mesh."""
-    if not isinstance(mesh, ElementMesh) or not np.isfinite(mesh.p).all():
-        raise Wrong(Verdict.SILENT, f"read {mesh!r:.200}")

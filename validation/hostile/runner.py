@@ -1,32 +1,32 @@
-"""Execution of cases in child processes with limits of memory and time. A child that dies is replaced."""
+"""Execution of families of hostile inputs in this process, with limits of time and memory, and the table of their verdicts."""
 
 from __future__ import annotations
 
-import json
 import os
-import select
-import shutil
-import signal
-import subprocess
-import sys
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import suppress
+import shlex
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from functools import partial
+from importlib import import_module
 from pathlib import Path
-from queue import SimpleQueue
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Any, NamedTuple
 
-from .case import Case, Verdict
-from .worker import cases_of
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
-#: Number of simultaneous child processes.
-WORKERS = 2
-#: Largest time that a child may need to import the package [s].
-START = 120.0
-#: Environment of the children. They use one thread, because they share the machine and the memory limit counts thread stacks.
-ENVIRONMENT = {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MPLBACKEND": "agg"}
+from skfem_stvk.terminal import WIDTH, grid
+
+from ..limits import Hang, at_most, limited
+from . import FAMILIES
+from .case import Case, Verdict, Wrong
+
+#: Length of the message about a wrong case, and about a case that the user named [characters].
+SHORT, LONG = 300, 20_000
 
 
 class Outcome(NamedTuple):
@@ -39,144 +39,101 @@ class Outcome(NamedTuple):
     seconds: float
 
 
-class Job(NamedTuple):
-    """Case with its family and its module."""
-
-    family: str
-    module: str
-    case: Case
-
-
-def jobs(families: dict[str, str], quick: bool = False) -> list[Job]:
-    """Return all cases of these families, given with their modules; if `quick`, only the cases of the quick version."""
-    return [
-        Job(family, module, case)
-        for family, module in families.items()
-        for case in cases_of(module).values()
-        if case.quick or not quick
-    ]
+def cases_of(family: str) -> dict[str, Case]:
+    """Return the cases of a family by name."""
+    named: dict[str, Case] = {}
+    for case in import_module(FAMILIES[family]).cases():
+        if case.name in named:
+            raise ValueError(f"{family} has two cases with the name {case.name!r}; expected unique names.")
+        named[case.name] = case
+    return named
 
 
-def outcomes(todo: Sequence[Job]) -> Iterator[Outcome]:
-    """Yield the outcome of each case as soon as the case ends."""
-    free: SimpleQueue[Child] = SimpleQueue()
-    with TemporaryDirectory(prefix="hostile-") as folder:
-        children = [Child(Path(folder) / str(number)) for number in range(min(WORKERS, len(todo)))]
-        for child in children:
-            free.put(child)
-
-        def run(job: Job) -> Outcome:
-            child = free.get()
-            try:
-                return child.run(job)
-            finally:
-                free.put(child)
-
+def outcome(family: str, case: Case) -> Outcome:
+    """Run a case in an empty folder and return its verdict with the reason."""
+    begin, here = perf_counter(), Path.cwd()
+    with TemporaryDirectory(prefix="hostile-") as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        os.chdir(folder)
         try:
-            with ThreadPoolExecutor(len(children) or 1) as pool:
-                waiting = [pool.submit(run, job) for job in todo]
-                try:
-                    for done in as_completed(waiting):
-                        yield done.result()
-                except BaseException:
-                    pool.shutdown(wait=False, cancel_futures=True)
-                    raise
+            with at_most(case.gigabytes):
+                verdict, why = limited(partial(_judged, case, Path(folder)), case.seconds)
+        except Wrong as fault:
+            verdict, why = fault.verdict, fault.why
+        except Exception:
+            verdict, why = Verdict.TRACEBACK, f"the judge failed: {traceback.format_exc()}"
         finally:
-            for child in children:
-                child.end()
+            os.chdir(here)
+    return Outcome(family, case.name, verdict, why[:LONG], perf_counter() - begin)
 
 
-class Child:
-    """Child process that runs cases one after the other in its own folder. It is restarted after its death."""
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._process: subprocess.Popen[str] | None = None
-        self._answers = -1
-        folder.mkdir()
-
-    def run(self, job: Job) -> Outcome:
-        """Run a case and return its outcome, even if the child dies."""
-        work = self._folder / "work"
-        work.mkdir()
-        process = self._alive()
-        begin = perf_counter()
-        verdict, why = self._asked(process, job, work)
-        seconds = perf_counter() - begin
-        shutil.rmtree(work, ignore_errors=True)
-        return Outcome(job.family, job.case.name, verdict, why, seconds)
-
-    def end(self) -> None:
-        """Kill the process and all processes that it has started."""
-        if self._process is not None:
-            with suppress(ProcessLookupError):
-                os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
-            for stream in (self._process.stdin, self._process.stdout):
-                if stream is not None:
-                    stream.close()
-            os.close(self._answers)
-            self._process = None
-
-    def _asked(self, process: subprocess.Popen[str], job: Job, work: Path) -> tuple[Verdict, str]:
-        assert process.stdin is not None
-        try:
-            print(json.dumps({"module": job.module, "case": job.case.name, "folder": str(work)}), file=process.stdin, flush=True)
-            answer = self._answer(job.case.seconds)
-        except (TimeoutError, EOFError, BrokenPipeError) as error:
-            hung = isinstance(error, TimeoutError)
-            if hung:
-                self._print_stack()
-            printed = self._printed()
-            self.end()
-            if hung:
-                return Verdict.HANG, f"the case did not end within {job.case.seconds:g} s; its stack: {printed[-2000:]}"
-            return Verdict.CRASH, f"the process ended by {_ending(process.returncode)}; its output: {printed[-2000:]}"
-        return Verdict[answer["verdict"]], answer["why"]
-
-    def _answer(self, seconds: float) -> dict[str, Any]:
-        """Return the next answer of the child. Raise TimeoutError after `seconds`, and EOFError if the child died."""
-        text, end = b"", perf_counter() + seconds
-        while not text.endswith(b"\n"):
-            if not select.select([self._answers], [], [], max(0.0, end - perf_counter()))[0]:
-                raise TimeoutError
-            more = os.read(self._answers, 1 << 16)
-            if not more:
-                assert self._process is not None
-                self._process.wait()
-                raise EOFError
-            text += more
-        answer: dict[str, Any] = json.loads(text)
-        return answer
-
-    def _alive(self) -> subprocess.Popen[str]:
-        if self._process is None:
-            self._answers, theirs = os.pipe()
-            with (self._folder / "printed").open("wb") as printed:
-                self._process = subprocess.Popen(
-                    [sys.executable, "-m", "validation.hostile.worker", str(theirs)],
-                    stdin=subprocess.PIPE,
-                    stdout=printed,
-                    stderr=subprocess.STDOUT,
-                    text=True,
-                    pass_fds=[theirs],
-                    start_new_session=True,  # so that `end` can kill all processes of a case
-                    env=os.environ | ENVIRONMENT | {"PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)},
-                )
-            os.close(theirs)
-            self._answer(START)  # the first answer says that the child is ready
-        return self._process
-
-    def _print_stack(self) -> None:
-        """End the process and its children by SIGABRT, for which `faulthandler` prints the stack."""
-        assert self._process is not None
-        with suppress(ProcessLookupError, subprocess.TimeoutExpired):
-            os.killpg(self._process.pid, signal.SIGABRT)
-            self._process.wait(10.0)
-
-    def _printed(self) -> str:
-        return (self._folder / "printed").read_text(errors="replace")
+def _judged(case: Case, folder: Path) -> tuple[Verdict, str]:
+    begin = perf_counter()
+    try:
+        result: Any = case.attempt(folder)
+    except Wrong:
+        raise
+    except BaseException as error:
+        if isinstance(error, Hang) or perf_counter() - begin > case.seconds:  # `Hang` may be the cause of another error
+            return Verdict.HANG, f"no end within {case.seconds:g} s: {_last_lines()}"
+        if _out_of_memory(error):
+            return Verdict.MEMORY, f"more than {case.gigabytes:g} GB: {_last_lines()}"
+        if case.refused(error):
+            return Verdict.REFUSED, f"{type(error).__name__}: {error}"
+        return Verdict.TRACEBACK, _last_lines()
+    case.judge(result)
+    return Verdict.RIGHT, ""
 
 
-def _ending(code: int) -> str:
-    return f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+def _out_of_memory(error: BaseException | None) -> bool:
+    """Return whether the error is a `MemoryError`, or was caused by one."""
+    while error is not None:
+        if isinstance(error, MemoryError):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def _last_lines() -> str:
+    return traceback.format_exc()[-LONG // 2 :]
+
+
+def run(families: Sequence[str], names: Sequence[str], quick: bool) -> int:
+    """Run these families, or only the cases with these names, and print the verdicts. Return the exit code, 1 if any is wrong."""
+    console, begin, done = Console(width=WIDTH, highlight=False), perf_counter(), []
+    todo = [(family, case) for family in families for case in cases_of(family).values() if names or case.quick or not quick]
+    if names:
+        todo = [(family, case) for family, case in todo if f"{family}/{case.name}" in names]
+        if len(todo) < len(names):
+            raise SystemExit(f"There is no case {' or '.join(names)!r}; `--only` lists the families.")
+    for family, case in todo:
+        done.append(outcome(family, case))
+        if names or done[-1].verdict.wrong:
+            console.print(_story(done[-1], LONG if names else SHORT), soft_wrap=True)
+    wrong = [one for one in done if one.verdict.wrong]
+    console.print(table(done))
+    for one in wrong if not names else ():
+        command = f"python -m validation hostile --case {shlex.quote(f'{one.family}/{one.case}')}"
+        console.print(f"[bold red]{one.verdict.value}[/]  {escape(command)}", soft_wrap=True)
+    end = f"{len(wrong)} WRONG" if wrong else "none is wrong"
+    console.print(f"{len(done)} cases in {perf_counter() - begin:.0f} s: {end}", soft_wrap=True)
+    return 1 if wrong else 0
+
+
+def table(done: Sequence[Outcome]) -> Table:
+    """Return the table of the counts by family."""
+    heads = ("cases", *(verdict.value for verdict in Verdict), "slowest [s]")
+    counts = grid("Verdicts on hostile inputs", "family", *heads, right=heads)
+    counts.columns[0].no_wrap = True
+    for family in [*dict.fromkeys(one.family for one in done), "all"]:
+        here = [one for one in done if family in ("all", one.family)]
+        tally = Counter(one.verdict for one in here)
+        cells = [f"[bold red]{tally[v]}[/]" if v.wrong and tally[v] else str(tally[v]) for v in Verdict]
+        counts.add_row(family, str(len(here)), *cells, f"{max((one.seconds for one in here), default=0.0):.1f}")
+    return counts
+
+
+def _story(one: Outcome, most: int) -> str:
+    style = "bold red" if one.verdict.wrong else "green"
+    why = one.why if most == LONG else " ".join(one.why.split())[-most:]
+    return f"[{style}]{one.verdict.value}[/]  {escape(f'{one.family}/{one.case}')}  {escape(why)}"

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("bent", "twisted", "released", "thrown", "recoveries", "random-starts", "costs")
+from ..study import run
+
+#: Modules and functions of the studies by name.
+STUDIES = {
+    "bent": "studies.bent",
+    "twisted": "studies.twisted",
+    "released": "studies.released",
+    "thrown": "studies.thrown",
+    "costs": "studies.costs",
+}
+NAMES = tuple(STUDIES)
 
 
-def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
+def main(quick: bool = False, only: Sequence[str] = ()) -> int:
     """Compare models on a bar, bent, twisted, released and thrown: linear, springs, corotated, StVK, invertible, neo-Hookean."""
-    from .studies import run
-
-    return run(only or NAMES, quick, out)
+    return run(__name__, STUDIES, only or NAMES, quick)
 
 
-__all__ = ["NAMES", "main"]
+__all__ = ["NAMES", "STUDIES", "main"]

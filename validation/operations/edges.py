@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from .compiled import jitable
 from .edge_lists import Rest, prepare
 from .vectors import (
     Vector,
@@ -91,7 +90,6 @@ def tangent_by_pairs_displacement(rest: Rest, u: Any, blocks: Any, diagonal: Any
     close_rows(rest.ends, blocks, diagonal)
 
 
-@jitable
 def elongations(rest: Rest, x: Any) -> None:
     """Compute the current edges `p` and `zeta = |p|^2 - |P|^2`, the textbook form: 9 operations per edge."""
     for i in range(len(rest.ends)):
@@ -100,7 +98,6 @@ def elongations(rest: Rest, x: Any) -> None:
         rest.zeta[i] = dot(p, p) - rest.square[i]
 
 
-@jitable
 def elongations_displacement(rest: Rest, u: Any) -> None:
     """Compute the current edges `p = P + U` and `zeta = (P + p) . U`: 14 operations per edge."""
     for i in range(len(rest.ends)):
@@ -110,7 +107,6 @@ def elongations_displacement(rest: Rest, u: Any) -> None:
         rest.zeta[i] = dot(plus(P, p), U)
 
 
-@jitable
 def tensions(rest: Rest) -> None:
     """Compute `t = L zeta`, each TSEP once for both of its edges: 1 operation per edge, 4 per TSEP."""
     for i in range(len(rest.L)):
@@ -124,7 +120,6 @@ def tensions(rest: Rest) -> None:
         rest.tension[i] = tension
 
 
-@jitable
 def spread(rest: Rest, out: Any) -> None:
     """Add `t p` at one end of each edge and `-t p` at the other: 9 operations per edge."""
     for i in range(len(rest.ends)):
@@ -133,7 +128,6 @@ def spread(rest: Rest, out: Any) -> None:
         subtract(out, rest.ends[i, 1], f)
 
 
-@jitable
 def change_of_tension(rest: Rest, slot: Any) -> Vector:
     """Return `h = sum +-2 L_ij p_i`: 6 operations per term, 3 fewer for the first."""
     first, end = rest.h_start[slot], rest.h_start[slot + 1]
@@ -143,7 +137,6 @@ def change_of_tension(rest: Rest, slot: Any) -> Vector:
     return h
 
 
-@jitable
 def add_blocks(rest: Rest, blocks: Any) -> None:
     """Add `K_ab` from the vectors `h`: 21 operations per edge, 45 per face, in addition to those of `h`."""
     ne = len(rest.ends)
@@ -159,7 +152,6 @@ def add_blocks(rest: Rest, blocks: Any) -> None:
         add_matrix(blocks, bc, outer(change_of_tension(rest, ne + 2 * f + 1), vector(rest.p, ac)))
 
 
-@jitable
 def add_blocks_by_pairs(rest: Rest, blocks: Any) -> None:
     """Add `K_ab` from a matrix for each TSEP: 39 operations if its edges meet, 48 if not."""
     for i in range(len(rest.ends)):
@@ -175,7 +167,6 @@ def add_blocks_by_pairs(rest: Rest, blocks: Any) -> None:
             add_matrix(blocks, rest.targets[k, 3], transposed(M) if rest.flips[k, 3] else M)
 
 
-@jitable
 def add_own(block: Any, h: Vector, p: Vector, tension: Any) -> None:
     """Add `h (x) p - t I` to `K_ab` for the edge `ab` itself, where `h = -2 L p`. The product is symmetric: 18 operations."""
     xy, xz, yz = h[0] * p[1], h[0] * p[2], h[1] * p[2]

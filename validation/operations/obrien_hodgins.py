@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .body import Body
-from .compiled import jitable
 from .total_lagrangian import product_of, stress
 from .vectors import Matrix, Vector, add, combination, plus, times, vector
 
@@ -51,21 +50,18 @@ def force_as_printed(rest: Rest, x: Any, out: Any) -> None:
             add(out, rest.t[n, i], f)
 
 
-@jitable
 def gradient(rest: Any, x: Any, n: Any) -> Matrix:
     """Return the columns of `dx/dX = P beta`: 63 operations."""
     beta, t = rest.beta[n], rest.t[n]
     return column(beta, x, t, 0), column(beta, x, t, 1), column(beta, x, t, 2)
 
 
-@jitable
 def column(beta: Any, x: Any, t: Any, l: Any) -> Vector:
     """Return `sum_j p_j beta_jl`: 21 operations."""
     first = plus(times(beta[0, l], vector(x, t[0])), times(beta[1, l], vector(x, t[1])))
     return plus(plus(first, times(beta[2, l], vector(x, t[2]))), times(beta[3, l], vector(x, t[3])))
 
 
-@jitable
 def double_sum(bj: Vector, bi: Vector, S: Matrix) -> Any:
     """Return `sum_k sum_l beta_jl beta_ik sigma_kl`, term by term: 26 operations."""
     first = bj[0] * bi[0] * S[0][0] + bj[1] * bi[0] * S[0][1] + bj[2] * bi[0] * S[0][2]

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix
 
 from .body import Body
-from .compiled import jitable
 from .vectors import add, dot, matrix, product, shifted, times, transposed, vector
 
 Reals = NDArray[np.float64]
@@ -77,7 +76,6 @@ def linear_force(rest: Rest, u: Any, out: Any) -> None:
         add(out, b, product(transposed(M), vector(u, a)))
 
 
-@jitable
 def add_products(rest: Any, u: Any, out: Any) -> None:
     """Add `(B_pk + n_pk I) U_k`: 22 operations per vertex, 39 per edge."""
     nv, n = len(rest.B_vertex), rest.n

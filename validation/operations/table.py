@@ -1,4 +1,4 @@
-"""Tables of the study: operations per entity, operations per mesh, the published claims, and times."""
+"""Tables of the study: operations per entity, operations per mesh, and the published claims."""
 
 from __future__ import annotations
 
@@ -36,9 +36,7 @@ def show(quick: bool) -> int:
     console = Console(width=WIDTH, highlight=False)
     bodies = {name: Body(mesh, LAM, MU) for name, mesh in meshes(quick).items()}
     found = {(a.quantity, a.name): costs(a) for a in (*ALGORITHMS, LINEAR)}
-    largest = list(bodies)[-1]
-    seconds = {} if quick else _seconds(console, bodies[largest])
-    console.print(_entities(found, seconds, bodies[largest]))
+    console.print(_entities(found))
     for quantity in "FK":
         console.print(_by_mesh(quantity, found, bodies))
     console.print(_claims(found, bodies))
@@ -49,27 +47,11 @@ def show(quick: bool) -> int:
     return 0 if same else 1
 
 
-def _seconds(console: Console, body: Body) -> dict[tuple[str, str], float]:
-    from .timing import times
-
-    try:
-        return times((*ALGORITHMS, LINEAR), body)
-    except ImportError as error:
-        console.print(str(error))
-        return {}
-
-
-def _entities(found: Costs, seconds: dict[tuple[str, str], float], body: Body) -> Table:
-    title = "Operations (additions and multiplications) for each entity" + (
-        f", and time of the compiled sources, {body.nt} tetrahedra, one thread" if seconds else ""
-    )
-    numbers = ["vertex", "edge", "face", "tetrahedron"] + (["all, per tet", "ns per tet"] if seconds else [])
-    table = grid(title, "of", "algorithm", *numbers, right=tuple(numbers))
+def _entities(found: Costs) -> Table:
+    numbers = ("vertex", "edge", "face", "tetrahedron")
+    table = grid("Operations (additions and multiplications) for each entity", "of", "algorithm", *numbers, right=numbers)
     for (quantity, name), cost in found.items():
-        row = [str(c) if c else "" for c in cost]
-        if seconds:
-            row += [f"{cost @ body.entities / body.nt:.0f}", f"{seconds[quantity, name] / body.nt * 1e9:.0f}"]
-        table.add_row(quantity, name, *row)
+        table.add_row(quantity, name, *(str(c) if c else "" for c in cost))
     return table
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .body import Body
-from .compiled import jitable
 from .vectors import (
     Matrix,
     Vector,
@@ -83,7 +82,6 @@ def tangent(rest: Rest, x: Any, blocks: Any, diagonal: Any) -> None:
     close_rows(rest.ends, blocks, diagonal)
 
 
-@jitable
 def gradient(rest: Any, x: Any, n: Any, g: Matrix) -> Matrix:
     """Return the columns of the deformation gradient `F`: 54 operations."""
     x0 = vector(x, rest.t[n, 0])
@@ -95,13 +93,11 @@ def gradient(rest: Any, x: Any, n: Any, g: Matrix) -> Matrix:
     return product_of(transposed(g), d)
 
 
-@jitable
 def product_of(A: Matrix, B: Matrix) -> Matrix:
     """Return `A B`: 45 operations."""
     return combination(A[0], B), combination(A[1], B), combination(A[2], B)
 
 
-@jitable
 def stress(Ft: Matrix, half_lam: Any, mu: Any) -> Matrix:
     """Return `V S`, the second Piola-Kirchhoff stress times the volume: 45 operations."""
     C = gram(Ft)
@@ -111,20 +107,17 @@ def stress(Ft: Matrix, half_lam: Any, mu: Any) -> Matrix:
     return (mu * xx + pressure, xy, xz), (xy, mu * yy + pressure, yz), (xz, yz, mu * zz + pressure)
 
 
-@jitable
 def tensions(S: Matrix, g: Matrix) -> tuple[Any, Any, Any, Any, Any, Any]:
     """Return `g_a . V S g_b` for ab = 11, 22, 33, 12, 13, 23: 75 operations."""
     s1, s2, s3 = product(S, g[0]), product(S, g[1]), product(S, g[2])
     return dot(s1, g[0]), dot(s2, g[1]), dot(s3, g[2]), dot(s1, g[1]), dot(s1, g[2]), dot(s2, g[2])
 
 
-@jitable
 def pulled(la: Vector, ma: Vector, hb: Vector) -> Matrix:
     """Return `V lam h_a (x) h_b + V mu h_b (x) h_a`: 27 operations."""
     return sum_of(outer(la, hb), outer(hb, ma))
 
 
-@jitable
 def block(pull: Matrix, mu_gram: Any, A: Matrix, s: Any, fourth: Any) -> Matrix:
     """Return `pull + V mu G_ab F F' + s I`. If `fourth`, subtract `pull` and `s`: 18 operations."""
     xx, yy, zz = mu_gram * A[0][0], mu_gram * A[1][1], mu_gram * A[2][2]
@@ -135,7 +128,6 @@ def block(pull: Matrix, mu_gram: Any, A: Matrix, s: Any, fourth: Any) -> Matrix:
     return sum_of(shifted(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), s), pull)
 
 
-@jitable
 def add_forces(rest: Any, n: Any, f1: Vector, f2: Vector, f3: Vector, out: Any) -> None:
     """Add the forces of an element to its vertices; the force on the first follows from the sum: 18 operations."""
     add(out, rest.t[n, 1], f1)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from .compiled import jitable
 from .total_lagrangian import Rest, add_forces, gradient, prepare, stress, tensions
 from .vectors import (
     Matrix,
@@ -67,7 +66,6 @@ def tangent(rest: Rest, x: Any, blocks: Any, diagonal: Any) -> None:
     close_rows(rest.ends, blocks, diagonal)
 
 
-@jitable
 def strains(Ft: Matrix, g: Vector) -> Rows:
     """Return `B_a`: 36 operations."""
     return (
@@ -80,14 +78,12 @@ def strains(Ft: Matrix, g: Vector) -> Rows:
     )
 
 
-@jitable
 def pulled(S: Matrix, B: Rows) -> Vector:
     """Return `B_a' V S`: 33 operations."""
     normal = plus(plus(times(S[0][0], B[0]), times(S[1][1], B[1])), times(S[2][2], B[2]))
     return plus(plus(plus(normal, times(S[1][2], B[3])), times(S[0][2], B[4])), times(S[0][1], B[5]))
 
 
-@jitable
 def stresses(B: Rows, lam: Any, mu: Any) -> Rows:
     """Return `V C B_a`: 37 operations."""
     trace, double = times(lam, plus(plus(B[0], B[1]), B[2])), mu + mu
@@ -101,14 +97,12 @@ def stresses(B: Rows, lam: Any, mu: Any) -> Rows:
     )
 
 
-@jitable
 def product_of_rows(D: Rows, B: Rows) -> Matrix:
     """Return `D' B`: 99 operations."""
     normal = sum_of(sum_of(outer(D[0], B[0]), outer(D[1], B[1])), outer(D[2], B[2]))
     return sum_of(sum_of(sum_of(normal, outer(D[3], B[3])), outer(D[4], B[4])), outer(D[5], B[5]))
 
 
-@jitable
 def square(D: Rows, B: Rows) -> Matrix:
     """Return `D' B` if it is symmetric: 66 operations."""
     xx, xy, xz = entry(D, B, 0, 0), entry(D, B, 0, 1), entry(D, B, 0, 2)
@@ -116,7 +110,6 @@ def square(D: Rows, B: Rows) -> Matrix:
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
 
 
-@jitable
 def entry(D: Rows, B: Rows, r: Any, s: Any) -> Any:
     """Return `(D' B)_rs`: 11 operations."""
     normal = D[0][r] * B[0][s] + D[1][r] * B[1][s] + D[2][r] * B[2][s]

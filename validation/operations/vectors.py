@@ -7,79 +7,65 @@ from __future__ import annotations
 
 from typing import Any
 
-from .compiled import jitable
-
 Vector = tuple[Any, Any, Any]
 Matrix = tuple[Vector, Vector, Vector]
 
 
-@jitable
 def vector(x: Any, i: Any) -> Vector:
     """Return row `i` of `x` (n, 3)."""
     return x[i, 0], x[i, 1], x[i, 2]
 
 
-@jitable
 def plus(a: Vector, b: Vector) -> Vector:
     """Return `a + b`: 3 operations."""
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
 
 
-@jitable
 def minus(a: Vector, b: Vector) -> Vector:
     """Return `a - b`: 3 operations."""
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
 
 
-@jitable
 def times(s: Any, a: Vector) -> Vector:
     """Return `s a`: 3 operations."""
     return s * a[0], s * a[1], s * a[2]
 
 
-@jitable
 def dot(a: Vector, b: Vector) -> Any:
     """Return `a . b`: 5 operations."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@jitable
 def product(A: Matrix, b: Vector) -> Vector:
     """Return `A b`: 15 operations."""
     return dot(A[0], b), dot(A[1], b), dot(A[2], b)
 
 
-@jitable
 def combination(c: Vector, A: Matrix) -> Vector:
     """Return `c_0 A_0 + c_1 A_1 + c_2 A_2` with the rows of A: 15 operations."""
     return plus(plus(times(c[0], A[0]), times(c[1], A[1])), times(c[2], A[2]))
 
 
-@jitable
 def outer(a: Vector, b: Vector) -> Matrix:
     """Return `a (x) b`: 9 operations."""
     return times(a[0], b), times(a[1], b), times(a[2], b)
 
 
-@jitable
 def transposed(A: Matrix) -> Matrix:
     """Return `A'`: no operation."""
     return (A[0][0], A[1][0], A[2][0]), (A[0][1], A[1][1], A[2][1]), (A[0][2], A[1][2], A[2][2])
 
 
-@jitable
 def sum_of(A: Matrix, B: Matrix) -> Matrix:
     """Return `A + B`: 9 operations."""
     return plus(A[0], B[0]), plus(A[1], B[1]), plus(A[2], B[2])
 
 
-@jitable
 def shifted(A: Matrix, s: Any) -> Matrix:
     """Return `A + s I`: 3 operations."""
     return (A[0][0] + s, A[0][1], A[0][2]), (A[1][0], A[1][1] + s, A[1][2]), (A[2][0], A[2][1], A[2][2] + s)
 
 
-@jitable
 def gram(A: Matrix) -> Matrix:
     """Return `A A'`, which is symmetric: 30 operations."""
     xx, yy, zz = dot(A[0], A[0]), dot(A[1], A[1]), dot(A[2], A[2])
@@ -87,7 +73,6 @@ def gram(A: Matrix) -> Matrix:
     return (xx, xy, xz), (xy, yy, yz), (xz, yz, zz)
 
 
-@jitable
 def matrix(x: Any, i: Any) -> Matrix:
     """Return block `i` of `x` (n, 3, 3)."""
     return (
@@ -97,13 +82,11 @@ def matrix(x: Any, i: Any) -> Matrix:
     )
 
 
-@jitable
 def put(out: Any, i: Any, a: Vector) -> None:
     """Set `out_i = a`: no operation."""
     out[i, 0], out[i, 1], out[i, 2] = a
 
 
-@jitable
 def add(out: Any, i: Any, a: Vector) -> None:
     """Compute `out_i += a`: 3 operations."""
     out[i, 0] += a[0]
@@ -111,7 +94,6 @@ def add(out: Any, i: Any, a: Vector) -> None:
     out[i, 2] += a[2]
 
 
-@jitable
 def subtract(out: Any, i: Any, a: Vector) -> None:
     """Compute `out_i -= a`: 3 operations."""
     out[i, 0] -= a[0]
@@ -119,7 +101,6 @@ def subtract(out: Any, i: Any, a: Vector) -> None:
     out[i, 2] -= a[2]
 
 
-@jitable
 def add_matrix(out: Any, i: Any, A: Matrix) -> None:
     """Compute `out_i += A` for blocks `out` (n, 3, 3): 9 operations."""
     block = out[i]
@@ -128,7 +109,6 @@ def add_matrix(out: Any, i: Any, A: Matrix) -> None:
     add(block, 2, A[2])
 
 
-@jitable
 def subtract_matrix(out: Any, i: Any, A: Matrix) -> None:
     """Compute `out_i -= A` for blocks `out` (n, 3, 3): 9 operations."""
     block = out[i]
@@ -137,7 +117,6 @@ def subtract_matrix(out: Any, i: Any, A: Matrix) -> None:
     subtract(block, 2, A[2])
 
 
-@jitable
 def close_rows(ends: Any, blocks: Any, diagonal: Any) -> None:
     """Add `-sum_b K_ab` to `K_aa`, because a translation needs no force: 12 operations per edge.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterable
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +27,7 @@ from skfem_stvk import (
 from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh
 
-from ..statics.study import Study
+from ..study import Study
 
 LENGTH, HEIGHT, WIDTH = 5.0, 1.0, 0.5
 MATERIAL = Isotropic(young=1e6, poisson=0.3, density=1e3)
@@ -112,12 +111,11 @@ def off(found: Array, truth: Array) -> float:
     return float(np.linalg.norm(found - truth) / np.linalg.norm(truth))
 
 
-def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
+def at_rest(quick: bool) -> Iterable[Study]:
     """Yield the study of the error of the static state against size, by the kind of the basis."""
     n, sizes = (QUICK_CELLS, QUICK_SIZES) if quick else (CELLS, SIZES)
     truth = solved(n)[-1]
     errors: dict[str, list[float]] = {}
-    states: dict[str, Array] = {}
     for kind in KINDS:
         errors[kind.name] = []
         for size in sizes:
@@ -125,18 +123,11 @@ def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
                 warnings.simplefilter("ignore", StvkWarning)
                 result = solve_static(on_basis(n, kind, size), steps=4, quiet=True, raise_on_failure=False)
             errors[kind.name].append(off(result.u, truth) if result.t == 1 else np.nan)
-            states[f"{kind.name}, {size}"] = result.u
     last = {name: several[-1] for name, several in errors.items()}
     better = last["modes and derivatives"] < min(last["modes"] / 3, 0.2)
     wrong = (
         () if better else (f"error with modes and derivatives: {last['modes and derivatives']:.1%}, modes: {last['modes']:.1%}",)
     )
-    drawn: tuple[Path, ...] = ()
-    if folder is not None:
-        from .pictures import states_and_errors
-
-        chosen = {"full": truth} | {f"{kind.name}, {sizes[-1]}": states[f"{kind.name}, {sizes[-1]}"] for kind in KINDS[:2]}
-        drawn = (states_and_errors(bar(n), chosen, (sizes, errors), folder / "reduced-bar.png"),)
     mesh, moved = bar(n), np.abs(truth).max() / LENGTH
     yield Study(
         "The bar at rest: error of the displacements against size",
@@ -148,7 +139,6 @@ def at_rest(quick: bool, folder: Path | None) -> Iterable[Study]:
             f"{mesh.nt} tetrahedra, {3 * mesh.nv} unknowns, bending and twist; displacement of the end: {moved:.2f} of the length",
             f"snapshots: the {_snapshots(n).shape[1]} states on the paths to {len(SEEN)} other loads, so that r <= this number",
         ),
-        drawn,
     )
 
 
@@ -156,7 +146,7 @@ def _percent(error: float) -> str:
     return "-" if error != error else f"{error:.2%}"
 
 
-def in_motion(quick: bool, folder: Path | None) -> Iterable[Study]:
+def in_motion(quick: bool) -> Iterable[Study]:
     """Yield the study of the error of the whole motion after the removal of the loads."""
     n, sizes = (QUICK_CELLS, QUICK_SIZES) if quick else (CELLS - 1, SIZES[1:-1])
     until = UNTIL / 4 if quick else UNTIL
@@ -185,7 +175,7 @@ def in_motion(quick: bool, folder: Path | None) -> Iterable[Study]:
     )
 
 
-def conserved_energy(quick: bool, folder: Path | None) -> Iterable[Study]:
+def conserved_energy(quick: bool) -> Iterable[Study]:
     """Yield the study of the energy of the released bar over many periods, by the integrator."""
     n, size = (QUICK_CELLS, 10) if quick else (CELLS - 1, 20)
     reduced = on_basis(n, KINDS[1], size, 0.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from scipy.optimize import brentq, root
 from skfem_stvk import BackwardEuler, ElementMesh, Gravity, NodalLoad, Pressure, StVK, System, simulate, solve_static
 from skfem_stvk.arguments import Array
 
-from ..statics.study import Study
+from ..study import Study
 
 #: The cable: length [m], weight per length [N/m], span [m] and height difference of its ends [m].
 REST, WEIGHT, SPAN, DROP = 1.3, 2.0, 1.0, 0.2
@@ -36,7 +35,7 @@ def stretch_of(tension: Array, stiffness: float) -> Array:
     return s
 
 
-def hanging_cable(quick: bool, folder: Path | None) -> Iterable[Study]:
+def hanging_cable(quick: bool) -> Iterable[Study]:
     """Yield the study of a cable under its own weight: the chain's own equations, the elastic and the inextensible catenary."""
     rows, wrong, off = [], [], []
     for ratio in QUICK_RATIOS if quick else RATIOS:
@@ -129,7 +128,7 @@ def lowest_point(stiffness: float) -> float:
     return -float(fall)
 
 
-def cable_net(quick: bool, folder: Path | None) -> Iterable[Study]:
+def cable_net(quick: bool) -> Iterable[Study]:
     """Yield the study of a flat net of cables without initial tension under loads at its nodes, by its own equations."""
     rows, wrong = [], []
     for cells in ((4, 3),) if quick else ((4, 3), (8, 6), (16, 12)):
@@ -209,7 +208,7 @@ def _with(points: Array, inside: NDArray[np.int64], free: Array) -> Array:
     return x
 
 
-def inflated_sphere(quick: bool, folder: Path | None) -> Iterable[Study]:
+def inflated_sphere(quick: bool) -> Iterable[Study]:
     """Yield the study of an eighth of a sphere under pressure, compared with the closed form."""
     rows, wrong = [], []
     for degree in (1, 2):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,7 +13,7 @@ from skfem_stvk import BodyForce, ElementMesh, StVK, System, solve_static
 from skfem_stvk.arguments import Array
 from skfem_stvk.results import Fields
 
-from ..statics.study import Study
+from ..study import Study
 
 YOUNG, POISSON, THICKNESS = 1e6, 0.3, 1e-3
 #: Hencky's number at a Poisson's ratio of 0.3.
@@ -24,7 +23,7 @@ LOADS, FINE = (1e-7, 1e-3, 1e-1, 10.0), 1e-6
 SHEARS, CELLS = (0.05, 0.2, 0.4), 6
 
 
-def clamped_disc(quick: bool, folder: Path | None) -> Iterable[Study]:
+def clamped_disc(quick: bool) -> Iterable[Study]:
     """Yield the studies of a flat disc clamped at its rim, without initial tension, under a transverse dead load (Hencky)."""
     rows, wrong = [], []
     for degree in (1, 2):
@@ -74,7 +73,7 @@ def deflection(n: int, degree: int, load: float) -> float:
     return float(result.u.reshape(-1, 3)[middle, 2]) / (HENCKY * load ** (1 / 3))
 
 
-def sheared_sheet(quick: bool, folder: Path | None) -> Iterable[Study]:
+def sheared_sheet(quick: bool) -> Iterable[Study]:
     """Yield the study of a sheet in space with a sheared rim. The sheet wrinkles and has tension only along the wrinkles."""
     rows, wrong = [], []
     for shear in SHEARS[:2] if quick else SHEARS:

@@ -94,48 +94,32 @@ PARTS: dict[str, dict[str, Part]] = {
         "manufactured": Part(SOLUTION, "orders 2 and 1", ITSELF, "manufactured solution"),
         "elastica": Part(PUBLISHED, "the elastica", VALUE, "Euler's equation, tables in the literature"),
         "work-precision": Part(SOLUTION, "finer meshes, other codes", OTHER_CODE, "scikit-fem, FElupe", speed=True),
-        "speed": Part(CODE, "other codes", OTHER_CODE, "scikit-fem, FElupe", speed=True),
     },
     "stability": {
         "snap-through": Part(PUBLISHED, "one bar with Green's strain", ANALYTIC, "closed form"),
-        "arch": Part(SOLUTION, "finer meshes", ITSELF, "validation/stability"),
-        "dome": Part(SOLUTION, "finer meshes", ITSELF, "validation/stability"),
         "column": Part(PUBLISHED, "Euler's load", ANALYTIC, "Euler 1744"),
-        "corotated": Part(CODE, "StVK on the same mesh", ITSELF, "validation/stability/corotated.py"),
         "post-buckling": Part(PUBLISHED, "the elastica after buckling", ANALYTIC, "Euler's equation"),
         "law": Part(CODE, "limit points of the law", ANALYTIC, "literature: closed forms"),
-        "ellipticity": Part(CODE, "loss of strong ellipticity", ANALYTIC, "literature: closed forms"),
     },
     "dynamics": {
         "independent": Part(CODE, "scikit-fem and SciPy's DOP853", OTHER_CODE, "validation/dynamics/independent.py"),
         "csm3": Part(PUBLISHED, "CSM3", VALUE, "Turek and Hron 2006, FeatFlow's page"),
         "flight": Part(CODE, "energy and momenta", ANALYTIC, "conservation laws"),
         "vibrations": Part(SOLUTION, "numerical dispersion", ANALYTIC, "linear theory of each integrator"),
-        "limit": Part(CODE, "2/omega_max", ANALYTIC, "linear stability"),
-        "large-steps": Part(SOLUTION, "small steps", ITSELF, "validation/dynamics/large_steps.py"),
-        "fast-swings": Part(SOLUTION, "small steps", ITSELF, "validation/dynamics/fast_swings.py"),
-        "blow-ups": Part(CODE, "runs that diverge end with an error", "mutation", "validation/dynamics/blow_ups.py"),
-        "tangents": Part(CODE, "the exact tangent", ANALYTIC, "validation/dynamics/tangents.py"),
         "work-precision": Part(SOLUTION, "velocity Verlet, extrapolated", ITSELF, "validation/dynamics", speed=True),
         "speed": Part(CODE, "one force", ITSELF, "validation/dynamics/real_time.py", speed=True),
-        "step-solvers": Part(CODE, "direct solves", ITSELF, "validation/dynamics/step_solvers.py", speed=True),
     },
     "elements": {
         "orders": Part(SOLUTION, "orders of each element", ITSELF, "manufactured solution"),
         "turek-hron": Part(PUBLISHED, "CSM1", VALUE, "Turek and Hron 2006, FeatFlow's page"),
-        "hard": Part(CODE, "hard cases on other elements", OTHER_CODE, "validation/elements/hard.py", whole_only=True),
         "work-precision": Part(SOLUTION, "finer meshes", ITSELF, "validation/elements", speed=True),
         "costs": Part(CODE, "linear tetrahedra", ITSELF, "validation/elements/costs.py", speed=True),
-        "solvers": Part(CODE, "direct solves", ITSELF, "validation/elements/solvers.py", speed=True),
-        "peers": Part(CODE, "other codes", OTHER_CODE, "FElupe, scikit-fem", speed=True),
     },
     "models": {
         "bent": Part(CODE, "StVK on fine meshes; neo-Hookean by scikit-fem", OTHER_CODE, "validation/models"),
         "twisted": Part(CODE, "StVK on fine meshes; neo-Hookean by scikit-fem", OTHER_CODE, "validation/models"),
         "released": Part(CODE, "conserved energy and angular momentum", ANALYTIC, "conservation laws"),
         "thrown": Part(CODE, "conserved energy and angular momentum", ANALYTIC, "conservation laws"),
-        "recoveries": Part(CODE, "the state of rest", ANALYTIC, "validation/models/recoveries.py"),
-        "random-starts": Part(CODE, "eigenvalues of K", ANALYTIC, "validation/models/recoveries.py"),
         "costs": Part(CODE, "StVK", ITSELF, "validation/models/costs.py", speed=True),
     },
     "reduced": {
@@ -147,12 +131,10 @@ PARTS: dict[str, dict[str, Part]] = {
         "sphere": Part(PUBLISHED, "p = 2 h S/(s r)", ANALYTIC, "closed form"),
         "disc": Part(PUBLISHED, "Hencky's series", VALUE, "Hencky 1915; Fichter 1997"),
         "wrinkles": Part(PUBLISHED, "tension fields", ANALYTIC, "Pipkin 1986"),
-        "costs": Part(CODE, "the full body", ITSELF, "validation/reduced/costs.py", speed=True),
     },
     "contact": {
         "patch": Part(CODE, "a homogeneous state", ANALYTIC, "closed form"),
         "hertz": Part(PUBLISHED, "Hertz's force and contact radius", ANALYTIC, "Hertz 1881, Tatara 1991"),
-        "stiffness": Part(SOLUTION, "Hertz's force", ANALYTIC, "Hertz 1881, Tatara 1991", whole_only=True),
         "capstan": Part(PUBLISHED, "exp(mu angle)", ANALYTIC, "Euler 1769, Eytelwein 1808"),
         "slope": Part(CODE, "Coulomb's law", ANALYTIC, "closed form"),
         "bar": Part(CODE, "the wave equation", ANALYTIC, "closed form"),
@@ -161,14 +143,12 @@ PARTS: dict[str, dict[str, Part]] = {
         "balls": Part(PUBLISHED, "Hertz's force and contact radius", ANALYTIC, "Hertz 1881, Tatara 1991"),
         "ironing": Part(SOLUTION, "the mean force", ITSELF, "validation/contact/between.py"),
         "collision": Part(CODE, "energy and momenta", ANALYTIC, "conservation laws"),
-        "precision": Part(SOLUTION, "small steps of VelocityVerlet", ITSELF, "validation/contact/precision.py"),
         "hard": Part(CODE, "no intersection, conserved energy", ANALYTIC, "validation/contact/hard.py", whole_only=True),
     },
     "hard": {
         name: Part(CODE, "tiny steps of Newton or Verlet by scikit-fem, closed forms", OTHER_CODE, "validation/hard")
         for name in ("deformed", "crushed", "elements", "starts", "unstable", "slender", "slack", "scales", "motion")
-    }
-    | {"memory": Part(CODE, "no growth", ITSELF, "validation/hard/motion", speed=True, whole_only=True)},
+    },
     "hostile": {
         name: Part(
             CODE,
@@ -177,7 +157,7 @@ PARTS: dict[str, dict[str, Part]] = {
             "docs/measurements/robustness.md",
             f"hostile inputs of the family {name} give a correct result or a readable error",
         )
-        for name in ("meshes", "physics", "checkpoints", "interruptions", "names", "scenes", "commands", "candidates", "arguments")
+        for name in ("meshes", "stores", "names", "commands", "candidates", "arguments")
     },
     "fuzz": {
         "all": Part(
@@ -190,45 +170,9 @@ PARTS: dict[str, dict[str, Part]] = {
             whole_only=True,
         )
     },
-    "aspect": {
-        "all": Part(
-            CODE,
-            "50 digits",
-            ANALYTIC,
-            "docs/measurements/precision.md",
-            "errors on flat elements",
-            takes_quick=False,
-            whole_only=True,
-        )
-    },
-    "clamp": {"all": Part(CODE, "eigenvalues", ANALYTIC, "validation/clamp.py", "the clamped tangent", whole_only=True)},
-    "response": {
-        "all": Part(SOLUTION, "static solves", ITSELF, "docs/measurements/real-time.md", "errors fall with h^4", whole_only=True)
-    },
-    "threads": {
-        "all": Part(
-            CODE,
-            "one thread",
-            ITSELF,
-            "docs/measurements/speed.md",
-            "simultaneous calls of four threads give the same bits",
-            whole_only=True,
-        )
-    },
     "distributed": {
         "all": Part(
             CODE, "one machine", ITSELF, "docs/measurements/distributed.md", "a body on ranks has the same answers", whole_only=True
-        )
-    },
-    "resumed": {
-        "all": Part(
-            CODE,
-            "uninterrupted runs",
-            ITSELF,
-            "docs/measurements/motion.md",
-            "runs resumed from a checkpoint give the same bits",
-            takes_quick=False,
-            whole_only=True,
         )
     },
     "bench": {
@@ -242,7 +186,4 @@ PARTS: dict[str, dict[str, Part]] = {
         )
     },
     "solvers": {"all": Part(CODE, "direct solves", ITSELF, "validation/solvers.py", "linear solvers", speed=True)},
-    "kernels": {"all": Part(CODE, "plain C", OTHER_CODE, "validation/kernels.py", "kernels", speed=True)},
-    "rows": {"all": Part(CODE, "one CSR product", ITSELF, "validation/rows.py", "rows of K", speed=True)},
-    "loop": {"all": Part(CODE, "W, F and K", ITSELF, "docs/measurements/loop.md", "steps of a driven simulation", speed=True)},
 }

@@ -18,7 +18,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from ..statics import study
+from .. import study
 from . import numbers
 from .catalogue import PARTS, Kind, Part
 

@@ -18,7 +18,7 @@ from skfem_stvk.solvers.statics import CriticalPoint, Stop
 
 from ..statics.meshes import strip
 from ..statics.orders import extrapolated
-from ..statics.study import Study
+from ..study import Study
 from .limit_points import Convergence, first, through
 
 YOUNG, LENGTH = 1.2e7, 1.0

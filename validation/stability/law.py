@@ -17,7 +17,7 @@ import numpy as np
 from skfem_stvk import ElementMesh, NodalLoad, StVK, System
 from skfem_stvk.solvers.statics import CriticalPoint, Stop
 
-from ..statics.study import Study
+from ..study import Study
 from .limit_points import first, through
 
 YOUNG, POISSON = 2.1e5, (0.0, 0.3, 0.45)

@@ -11,7 +11,6 @@ height h differs from the elastica by the order (h/L)^2.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -22,9 +21,9 @@ from skfem_stvk.solvers.statics import StaticResult, Stop
 
 from ..statics.meshes import Array
 from ..statics.orders import extrapolated
+from ..study import Study
 from .column import LENGTH, Column
 from .limit_points import Convergence, through
-from .picture import Curve, DrawnStudy, Panel
 
 SLENDER, FINE = (20, 40), (2, 4, 8)
 #: Angles of the head [degrees] for the comparison. Columns and elastica are compared at equal shortening.
@@ -56,7 +55,7 @@ def elastica(angle: float) -> Head:
     return Head(float((2 * K / np.pi) ** 2), float(2 - 2 * E / K), float(2 * k / K))
 
 
-def post_buckling(quick: bool = False) -> DrawnStudy:
+def post_buckling(quick: bool = False) -> Study:
     """buckled columns follow the elastica up to an angle of 120 degrees, within 1 % after extrapolation for L/h >= 40"""
     bodies = [[Column(slenderness, n) for n in (FINE[:2] if quick else FINE)] for slenderness in SLENDER]
     paths = [[branch(body) for body in several] for several in bodies]
@@ -78,7 +77,7 @@ def post_buckling(quick: bool = False) -> DrawnStudy:
                 )
             rows.append(_row(f"{angle}°, thin", what, [""] * len(bodies[0]), thin, truth))
             failures += [f"{angle} degrees: {problem}" for problem in _failures(what, found[-1], thin)]
-    return DrawnStudy(
+    return Study(
         "Post-buckled column",
         f"extrapolated values within {LIMIT:.0%} of the elastica at L/h = {SLENDER[-1]}, within {THIN_LIMIT:.1%} for thin columns; "
         "errors of the load decrease under refinement",
@@ -89,7 +88,6 @@ def post_buckling(quick: bool = False) -> DrawnStudy:
             "load divided by Euler's load, deflection divided by the length, at the elastica's shortening; imperfection: the mode "
             "times 1e-4 of the length",
         ),
-        panel=partial(_panel, bodies[-1][-1], paths[-1][-1]),
     )
 
 
@@ -125,23 +123,3 @@ def head(body: Column, u: Array, t: float) -> Head:
     """Return the state of the middle of the head."""
     x, y = u.reshape(-1, 2)[body.middle()[-1]] / LENGTH
     return Head(t, float(-x), float(y))
-
-
-def _panel(body: Column, parts: list[StaticResult]) -> Panel:
-    exact = [elastica(angle) for angle in np.linspace(0.1, 125, 100)]
-    buckles = body.buckled().t
-    found = [head(body, step.u, step.t) for part in parts for step in part.history]
-    loads = [one.load / buckles for one in found]
-    return Panel(
-        f"Euler's column, L/h = {body.slenderness}",
-        ("deflection y/L and shortening u/L of the head", "P / load of the bifurcation"),
-        (
-            Curve([one.deflection for one in exact], [one.load for one in exact], "elastica: y/L"),
-            Curve([one.shortening for one in exact], [one.load for one in exact], "elastica: u/L"),
-        ),
-        (
-            Curve([one.deflection for one in found], loads, f"{body.mesh().nt} triangles, arc length: y/L"),
-            Curve([one.shortening for one in found], loads, "u/L"),
-        ),
-        Curve([0.0], [1.0], "bifurcation"),
-    )

@@ -8,7 +8,6 @@ The bar connects a hinge at (0, 0) with a vertical slider at (L, a). The force P
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,8 +16,8 @@ from skfem_stvk import ElementMesh, NodalLoad, StVK, System
 from skfem_stvk.arguments import Array
 from skfem_stvk.solvers.statics import StaticResult, Stop
 
+from ..study import Study
 from .limit_points import through
-from .picture import Curve, DrawnStudy, Panel
 
 #: Tolerance of loads relative to the limit load: round-off of three factors, and the residual of Newton's method.
 LIMIT = 1e-10
@@ -60,7 +59,7 @@ class Bar(NamedTuple):
 BARS = (Bar(1.0, 1.0, 3.0, 0.7), Bar(2.0, 0.3, 2.1e5, 0.04), Bar(0.4, 1.3, 7.0e10, 1e-4))
 
 
-def snap_through(quick: bool = False) -> DrawnStudy:
+def snap_through(quick: bool = False) -> Study:
     """a bar that snaps through stays on the path of the closed form to 1e-10, there and back"""
     rows, failures = [], []
     for bar in BARS:
@@ -73,7 +72,7 @@ def snap_through(quick: bool = False) -> DrawnStudy:
             numbers = [f"{number:.10f}" for w, t in found[:2] for number in (w / bar.rise, t)]
             rows.append((*row, *numbers, *[""] * (4 - len(numbers))))
             failures += [f"{' '.join(row[:2])}: {failure}" for failure in _failures(result, off, found, exact, bar.rise)]
-    return DrawnStudy(
+    return Study(
         "One bar snapping through",
         f"states and limit points are on the closed form's path to {LIMIT:g} of the limit load; depths of limit points are correct "
         f"to {DEPTH_LIMIT:g} of the rise",
@@ -81,7 +80,6 @@ def snap_through(quick: bool = False) -> DrawnStudy:
         tuple(rows),
         tuple(failures),
         ("limit points are at w/a = 1 -+ 1/sqrt(3) = 0.4226497308, 1.5773502692 with P/P_limit = 1, -1",),
-        panel=partial(_panel, BARS[0]),
     )
 
 
@@ -109,19 +107,3 @@ def _failures(
         if not (abs(t - t_exact) <= LIMIT and abs(w - w_exact) <= DEPTH_LIMIT * rise):
             failures.append(f"limit point at w = {w:.10g}, t = {t:.12g}; expected {w_exact:.10g}, {t_exact:g}")
     return failures
-
-
-def _panel(bar: Bar) -> Panel:
-    there, back = paths(bar)
-    w = np.linspace(-back.u[3], -there.u[3], 300)
-    critical = there.critical_points
-    return Panel(
-        "One bar snapping through",
-        ("depth w/a", "P / limit load"),
-        (Curve(w / bar.rise, bar.force(w) / bar.limit_load, "closed form"),),
-        (
-            Curve(-there.history.u[:, 3] / bar.rise, there.history.t, "arc length, there"),
-            Curve(-back.history.u[:, 3] / bar.rise, back.history.t, "and back"),
-        ),
-        Curve([-point.u[3] / bar.rise for point in critical], [point.t for point in critical], "limit points"),
-    )

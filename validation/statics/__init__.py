@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-NAMES = ("homogeneous", "turek-hron", "manufactured", "elastica", "work-precision", "speed")
-#: These studies run only if `--only` names them.
-ON_DEMAND = ("large",)
+from ..study import run
+
+#: Modules and functions of the studies by name.
+STUDIES = {
+    "homogeneous": "homogeneous.homogeneous",
+    "turek-hron": "turek_hron.turek_hron",
+    "manufactured": "manufactured.manufactured",
+    "elastica": "elastica.elastica",
+    "work-precision": "work_precision.work_precision",
+}
+NAMES = tuple(STUDIES)
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """Compare static solves with closed forms and benchmarks, and measure speed; `--only large` has a million unknowns."""
-    from .studies import run
-
-    return run(only or NAMES, quick, out)
+    """Compare static solves with closed forms and benchmarks, and measure their speed."""
+    return run(__name__, STUDIES, only or NAMES, quick, out)
 
 
-__all__ = ["NAMES", "ON_DEMAND", "main"]
+__all__ = ["NAMES", "STUDIES", "main"]

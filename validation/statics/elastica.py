@@ -19,9 +19,9 @@ from scipy.integrate import solve_bvp
 
 from skfem_stvk import BodyForce, StVK, System, Traction, solve_static
 
+from ..study import Study
 from .meshes import Array, strip
 from .orders import extrapolated
-from .study import Study
 
 LENGTH, HEIGHT, YOUNG = 1.0, 0.01, 1.2e7
 STIFFNESS = YOUNG * HEIGHT**3 / 12  # EI [N m^2] per unit of depth

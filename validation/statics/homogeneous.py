@@ -11,9 +11,9 @@ import numpy as np
 from skfem_stvk import System, Traction, solve_static
 from skfem_stvk.solvers.statics import StaticResult
 
+from ..study import Study
 from .closed_states import STATES, Array, ClosedForm
 from .kinds import KINDS, Kind
-from .study import Study
 
 LIMIT = 1e-10
 DRIVEN, PARTS = ("boundary", "tractions"), ("u", "stress", "reaction")

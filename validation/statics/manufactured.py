@@ -13,8 +13,8 @@ import numpy as np
 from skfem_stvk import BodyForce, ElementMesh, StVK, System, Traction, solve_static
 from skfem_stvk.referee.manufactured import Manufactured, fitted_order, moved_box
 
+from ..study import Study
 from .meshes import Array
-from .study import Study
 
 YOUNG, POISSON = 1.0e5, 0.3
 LAM, MU = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON)), YOUNG / (2 * (1 + POISSON))

@@ -13,9 +13,9 @@ import numpy as np
 
 from skfem_stvk import Gravity, StVK, System, solve_static
 
+from ..study import Study
 from .meshes import Array, strip
 from .orders import extrapolated, fitted_order
-from .study import Study
 
 END, HEIGHT, RADIUS, CENTRE = 0.6, 0.02, 0.05, 0.2
 POISSON, DENSITY, GRAVITY = 0.4, 1000.0, 2.0

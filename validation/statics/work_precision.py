@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from skfem_stvk.about import write_machine
 
 from ..slopes import draw_slope
+from ..study import Study
 from . import with_edges, with_scikit_fem
 from .cantilever import Array, Run, cantilever
 from .linear_solvers import direct
-from .study import Study
 
 #: Cells across the beam, by program.
 SIZES = {"edges P1": (2, 4, 6, 8, 12, 16, 24), "scikit-fem P1": (2, 4, 6, 8), "scikit-fem P2": (1, 2, 3, 4)}

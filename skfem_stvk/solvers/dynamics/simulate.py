@@ -17,6 +17,7 @@ from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike, checked_system
+from ...system.system import for_analysis
 from ...terms.loads.load import Moment
 from ..runs.ledger import Ledger
 from ..runs.outputs import OutputFiles
@@ -199,7 +200,7 @@ def checked_body(system: System | ReducedLike) -> System | Coordinates:
         return body
     if body.dtype != np.float64:
         raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
-    return body.for_analysis(in_time=True)
+    return for_analysis(body, in_time=True)
 
 
 def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:

@@ -61,7 +61,7 @@ class StepProblem(Equation):
 
     def forget(self) -> None:
         """Use the present body of the motion, and remove data of its matrix from previous steps."""
-        self.body = self.motion.body
+        self.body, self.system = self.motion.body, self.motion.system
         self.matrix.forget()
 
     @property

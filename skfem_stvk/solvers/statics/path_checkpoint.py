@@ -18,7 +18,6 @@ from ...terms.loads.load import Moment, StepStart
 from ..newton.outcome import Status
 from ..runs.archive import STRICT, FolderStore, refusing_damage, remove_file
 from ..runs.outputs import OutputFiles
-from ..runs.state_files import PATH, PATH_FILE
 from .arc_length import ArcLengthState
 from .continuation import ContinuationState
 from .equilibrium import SMALLEST_SCALE
@@ -54,7 +53,7 @@ class PathCheckpoint(FolderStore[SavedStep]):
     In a divided body, each part has a file of its own for each state.
     """
 
-    known, name, schema = PATH, PATH_FILE, SavedStep
+    known, name, schema = ("path of skfem-stvk", 3), "state_{:05d}.npz", SavedStep
     remedy = "Remove it and all later states, and resume; or start again with overwrite=True and without resume."
 
     def __init__(self, folder: Path, system: System, problem: Fingerprint, output_files: OutputFiles) -> None:

@@ -20,7 +20,7 @@ from ...results.vtu import DEFAULT
 from ...system import System
 from ...terms.loads.load import Moment, StepStart
 from ..newton.outcome import Status, with_remedy
-from ..runs.result import RunResult
+from ..runs.run_result import RunResult
 from .critical import CriticalPoint
 from .history import History, Step
 

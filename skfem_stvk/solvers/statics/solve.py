@@ -24,6 +24,7 @@ from ...system.divided import parts_line, refuse_divided
 from ...system.free_tangent import solver_for
 from ...system.protocol import ReducedLike, checked_system
 from ...system.signature import AUTO, sums_of
+from ...system.system import for_analysis
 from ...units import remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..newton.stability import Verdict, stability_of
@@ -156,7 +157,7 @@ def solve_static(
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
-    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system).for_analysis(in_time=False)
+    body = system.in_coordinates if isinstance(system, ReducedLike) else for_analysis(checked_system(system), False)
     return _Solve(body, u0, options).result()
 
 

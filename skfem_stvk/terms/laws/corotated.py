@@ -21,7 +21,7 @@ from ...kernels.corotated_law import CorotatedLaw
 from ...mesh import ElementMesh
 from ..body import Body
 from ..loads.load import Moment, Time
-from ..protocols import Deformation, PointResponse
+from ..term import Deformation, PointResponse
 from .elastic_law import ElasticLaw
 from .response_at_points import response_of_stretches
 
@@ -82,6 +82,7 @@ class Corotated(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
+    has_response = True
 
     rotation: Annotated[
         str | Callable[[float], ArrayLike],
@@ -131,7 +132,7 @@ class Corotated(ElasticLaw):
         return self.rotation == "element"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `HasResponse`, by the rotation of each element.
+        """Return the response as in `Term`, by the rotation of each element.
 
         Parameters
         ----------

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -17,11 +17,12 @@ from ...kernels.simplex_topology import edges_of_simplices
 from ...mesh import ElementMesh
 from ...mesh.locations import Where, describe, facets_at
 from ..body import Body
+from ..term import Term
 from .spread import Spread
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticFoundation:
+class ElasticFoundation(Term):
     """Elastic bedding: `W = 1/2 integral of k_x u_x^2 + k_y u_y^2 + k_z u_z^2 dA` over facets of the body at rest.
 
     The bedding pulls and pushes along the coordinate axes, over curved facets too. The area of edges is length times thickness, and
@@ -51,7 +52,7 @@ class ElasticFoundation:
     50.0
     """
 
-    per_element: ClassVar[bool] = True
+    per_element = True
 
     where: Annotated[Where, Quantity(None, "Place with the boundary facets that the foundation supports.")]
     stiffness: Annotated[

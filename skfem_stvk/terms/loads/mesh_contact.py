@@ -17,6 +17,7 @@ from ...mesh.diagnostics import parts
 from ...mesh.facets import linked
 from ...mesh.locations import Where
 from ..body import Body
+from ..term import Term
 from .bound_contact import BoundContact
 from .contact_surface import elements_behind, pieces_of, remaining_surface, surface_at, young_of
 from .friction import Friction, numbers_of, refuse_missing_width, width_of
@@ -34,7 +35,7 @@ UNUSED = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class MeshContact(Specification):
+class MeshContact(Specification, Term):
     """Contact of two surfaces, or of a surface with itself: a barrier at small distances, which nothing passes.
 
     ::
@@ -90,7 +91,6 @@ class MeshContact(Specification):
 
     error: ClassVar[type[StvkError]] = ContactError
     on_elements: ClassVar[bool] = True
-    per_element: ClassVar[bool] = False
 
     first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
     second: Annotated[

@@ -22,6 +22,7 @@ from ...mesh.locations import Where
 from ...mesh.points import sizes_of
 from ...mesh.rules import rule_of
 from ..body import Body
+from ..term import Term
 from .bound_contact import BoundContact
 from .contact_surface import elements_behind, surface_at, young_of
 from .friction import Friction, numbers_of, refuse_missing_width, width_of
@@ -38,7 +39,7 @@ HALFWAY = 0.5 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class RigidContact(Specification):
+class RigidContact(Specification, Term):
     """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
 
     ::
@@ -89,7 +90,6 @@ class RigidContact(Specification):
     """
 
     error: ClassVar[type[StvkError]] = ContactError
-    per_element: ClassVar[bool] = False
     given_by: ClassVar[str] = "motion"
     on_elements: ClassVar[bool] = True
 
