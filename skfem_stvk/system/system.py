@@ -305,8 +305,8 @@ class System(BoundTerms):
         """
         if self._with_changing_pairs:
             x = self._state(u)
-            for term in self.terms_at(t):
-                term.look(x)
+            for one in (*self.terms_at(t), *self.bound_loads):
+                one.look(x)
 
     @property
     def pattern(self) -> Pattern:
