@@ -37,6 +37,7 @@ from skfem_stvk import (
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.solvers.dynamics.step_problem import StepProblem
+from skfem_stvk.solvers.statics.equilibrium import Equilibrium
 from skfem_stvk.terms.loads import ipc
 from skfem_stvk.terms.loads.load import APART, Moment, StepStart
 
