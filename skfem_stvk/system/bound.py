@@ -92,7 +92,7 @@ class BoundTerms:
         #: Bound terms of contact, and their numbers among the bound terms.
         self.contacts = [term for term in self.bound_terms if isinstance(term, BoundContact)]
         self.contact_numbers = [i for i, term in enumerate(self.bound_terms) if term in self.contacts]
-        # Numbers of the terms with a history, and of those that depend on more than displacements: time, history or an assumption.
+        # Indices of terms with a history, and of those that depend on more than displacements: on time, history or an assumption.
         of_foundations = [term.grounded for term in self.foundations]
         tied = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *of_foundations]))
         self.grounded = self.space.union(tied, self.ndofs)
@@ -194,7 +194,7 @@ class BoundTerms:
         return tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.terms_at(t), strict=True))
 
     def _moment(self, t: Time) -> Moment:
-        """Return the moment of load factor or time `t`, checked."""
+        """Return the moment of load factor or time `t`, checked. A subclass may evaluate terms at another moment."""
         return Moment.checked(t)
 
     def first_history(self) -> tuple[Array, ...]:
