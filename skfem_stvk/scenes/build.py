@@ -30,6 +30,7 @@ from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs
 from ..terms import TERMS, Body, MeshContact, RigidContact, is_load
+from ..terms.term import specified
 from ..units import UNITS
 from .complaints import Complaints
 from .schema import SceneTables
@@ -451,7 +452,7 @@ def _check_poisson(complaints: Complaints, names: Names, term: Any, law: Any) ->
     """Complain about Poisson's ratios of 1/2 and more where strain or its trace is constrained: only plane stress allows them."""
     name = getattr(term, "material", None)
     poisson = None if name is None else getattr(names.sections.materials[name], "poisson", None)
-    if name is None or not isinstance(poisson, float | int) or poisson < 0.5 or not hasattr(law, "hypothesis"):
+    if name is None or not isinstance(poisson, float | int) or poisson < 0.5 or not specified(law).is_law:
         return
     if law.simplices is not None:  # these are in plane stress, or uniaxial
         return
@@ -512,11 +513,11 @@ def _naming_terms(complaints: Complaints, mesh: ElementMesh, terms: list[Any], u
         if mesh.space.comm.divided:  # other ranks may not have the error, and would not take part
             raise
         found = False
-        body = Body(mesh, [term for term in terms if not is_load(term)])
+        body = Body(mesh, [specified(term) for term in terms if not is_load(term)])
         for number, term in enumerate(terms):
             try:
                 with UNITS[units].of_errors():
-                    term.bind(body) if is_load(term) or isinstance(term, CONTACTS) else System(mesh, term)
+                    term.bind(body) if is_load(term) or type(term) in CONTACTS else System(mesh, term)
             except StvkError as error:
                 complaints.add(("terms", number), str(error))
                 found = True
