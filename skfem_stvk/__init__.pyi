@@ -55,7 +55,7 @@ from .solvers.dynamics.simulate import simulate as simulate
 from .solvers.newton.outcome import Interrupted as Interrupted
 from .solvers.reduced import PrecomputedResponse as PrecomputedResponse
 from .solvers.reduced import ReducedSystem as ReducedSystem
-from .solvers.runs.state_files import read_state as read_state
+from .solvers.state_files import read_state as read_state
 from .solvers.statics import SolveError as SolveError
 from .solvers.statics import StaticResult as StaticResult
 from .solvers.statics import Stop as Stop

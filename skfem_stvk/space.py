@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
 from math import nan
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,11 @@ from .errors import StateError
 
 Number = TypeVar("Number", float, Array)
 Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 #: Range of sums of squares. Outside it they may have underflowed or overflowed.
 SQUARES = 1e-280, 1e300
+#: Block of work that no other part takes part in.
+ALONE = nullcontext()
 
 
 class Communicator:
@@ -28,19 +30,14 @@ class Communicator:
 
     Attributes
     ----------
-    rank, size
-        Number of this part, from 0, and number of parts.
+    rank, size, divided
+        Number of this part, from 0, number of parts, and whether there are several.
     mpi
         Communicator of MPI; None on one process.
     """
 
-    rank, size = 0, 1
+    rank, size, divided = 0, 1, False
     mpi: Any = None
-
-    @property
-    def divided(self) -> bool:
-        """Whether the body is divided into parts."""
-        return self.size > 1
 
     @property
     def leads(self) -> bool:
@@ -95,22 +92,31 @@ class Communicator:
         order = np.argsort(every)
         return every[order], of_all[order]
 
-    def together(self, work: Callable[..., Result], *arguments: Any) -> Result:
-        """Return `work(*arguments)`. If it raises StateError in one part of a divided body, raise StateError in all parts.
+    def together(self) -> AbstractContextManager[None]:
+        """Raise StateError in all parts of a divided body if the block raises it in one.
 
-        `work` is for one part: it does not combine results.
+        The block is for one part: it does not combine results.
         """
-        if not self.divided:
-            return work(*arguments)
-        found, error = _tried(work, arguments)
+        return self._together() if self.divided else ALONE
+
+    @contextmanager
+    def _together(self) -> Iterator[None]:
+        error = None
+        try:
+            yield
+        except StateError as one:
+            error = one
         self._raise_in_all(error, self.any(error is not None))
-        return cast(Result, found)
 
     def sum_of(self, work: Callable[..., float], *arguments: Any) -> float:
-        """Return `total(together(work, *arguments))`, with one reduction."""
+        """Return the sum of `work(*arguments)` over all parts, with the errors of `together` and one reduction."""
         if not self.divided:
             return work(*arguments)
-        found, error = _tried(work, arguments)
+        found, error = None, None
+        try:
+            found = work(*arguments)
+        except StateError as one:
+            error = one
         total, errors = self.total(np.array([nan if found is None else found, error is not None], dtype=np.float64))
         self._raise_in_all(error, bool(errors))
         return float(total)
@@ -123,14 +129,6 @@ class Communicator:
 
 #: Communicator of a body that is not divided.
 ONE_PROCESS = Communicator()
-
-
-def _tried(work: Callable[..., Result], arguments: tuple[Any, ...]) -> tuple[Result | None, StateError | None]:
-    """Return the result of `work(*arguments)`, or its StateError."""
-    try:
-        return work(*arguments), None
-    except StateError as error:
-        return None, error
 
 
 class Space:
@@ -205,7 +203,10 @@ class Space:
 
         On a busy machine this takes 0.05 ms instead of 5 ms for 50 000 entries.
         """
-        return self.comm.total(float(sum(np.einsum("i,i", x[own], y[own]) for own in self.owned)))
+        product = 0.0
+        for own in self.owned:
+            product += float(np.einsum("i,i", x[own], y[own]))
+        return self.comm.total(product)
 
     def norm(self, x: Array) -> float:
         """Return `|x|`, also if squares underflow or overflow, because forces of 1e-200 N count."""

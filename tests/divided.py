@@ -39,7 +39,7 @@ class PartCommunicator(Communicator):
     def __init__(self, exchange, part):
         self.reductions = self.ids_sent = 0
         self._of_all = lambda value: exchange.values(part, value)
-        self.rank, self.size = part, exchange.barrier.parties
+        self.rank, self.size, self.divided = part, exchange.barrier.parties, True
 
     def total(self, x):
         return sum(self._reduced(x))

@@ -36,6 +36,7 @@ def _python(arguments):
     return subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_type_checkers_know_the_public_names_and_no_others():
     """A user's program is typed: classes, functions with arguments even if a file has the same name, and the version."""
     program = """

@@ -66,8 +66,8 @@ USES = {
     "a mesh file": ("from skfem_stvk import embedded_mesh\nembedded_mesh()", "meshio"),
     "a series": (STATIC + "result.save('series.pvd')", "meshio filelock"),
     "a table": (EXPLICIT + "run.ledger.save('ledger.csv')", ""),
-    "a checkpoint": (IMPLICIT + "simulate(system, stepper, until=2e-3, checkpoint='here', quiet=True)", "pydantic filelock"),
-    "a path on disk": (STATIC.replace("quiet", "checkpoint='here', quiet"), "pydantic filelock"),
+    "a checkpoint": (IMPLICIT + "simulate(system, stepper, until=2e-3, checkpoint='here', quiet=True)", "filelock"),
+    "a path on disk": (STATIC.replace("quiet", "checkpoint='here', quiet"), "filelock"),
     "a precomputed response": (
         BODY + "from skfem_stvk import PrecomputedResponse\n"
         "free = System(mesh, terms, fixed={'left': 'xy'})\n"

@@ -74,6 +74,7 @@ def without_notes(text):
     return [line for line in text.splitlines() if not line.startswith("skfem_stvk: ")]
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("streams", [("stdout",), ("stdout", "stderr")], ids="+".join)
 @pytest.mark.parametrize("sink", SINKS)
 @pytest.mark.parametrize("analysis", ANALYSES)
@@ -86,6 +87,7 @@ def test_a_run_goes_on_and_keeps_its_results_if_it_cannot_print(analysis, sink, 
     assert "stderr" in streams or without_notes(done.stderr) == []
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("sink", SINKS)
 def test_a_sweep_goes_on_if_it_cannot_print(sink, tmp_path):
     (tmp_path / "body.toml").write_text(SCENE + ANALYSES["static"])
@@ -95,6 +97,7 @@ def test_a_sweep_goes_on_if_it_cannot_print(sink, tmp_path):
     assert (tmp_path / "body-sweep" / "table.csv").read_text().count("converged") == 2
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("sink", SINKS)
 def test_bad_input_remains_an_error_if_it_cannot_be_printed(sink, tmp_path):
     (tmp_path / "body.toml").write_text(SCENE)
@@ -106,6 +109,7 @@ def test_a_text_that_is_the_result_of_a_command_is_not_lost_in_silence(tmp_path)
     assert ran(["-m", "skfem_stvk.scenes.commands", "init", "--type", "static"], tmp_path, stdout=full()).returncode != 0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("sink", SINKS)
 def test_an_analysis_in_python_goes_on_if_it_cannot_print(sink, tmp_path):
     ran(["-c", SCRIPT], tmp_path, stdout=SINKS[sink](), stderr=SINKS[sink]())

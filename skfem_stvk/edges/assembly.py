@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -193,16 +193,16 @@ class Assembly(BoundElements, PairTerm):
     def by_rows(self, kept: Tensions) -> bool:
         return True
 
-    @locked
     def fill(
         self, u: Array, rows: ElementRows, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL
     ) -> Linearized:
         """Fill K as in `PairTerm`. If K is made `by_rows`, no array of all blocks is needed."""
         if not self.by_rows(kept):
             return super().fill(u, rows.of_all_pairs, data, add, force, kept)
-        self.elements.gather(u)
-        found, more = rows.fill(lambda to: self._linearize(to, kept, force), data, add)
-        W, total = self._total(found)
+        with self._lock:
+            self.elements.gather(u)
+            found, more = rows.fill(partial(self._linearize, kept=kept, force=force), data, add)
+            W, total = self._total(found)
         return Linearized(W, total + more)
 
     @locked
@@ -262,7 +262,7 @@ class Assembly(BoundElements, PairTerm):
         """Return the bytes of its arrays, by part."""
         parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.elements.memory()
         parts["elements"] += self._D.nbytes
-        return parts | {"blocks of edges": nbytes([] if self._filled is None else self._filled)}
+        return parts | {"blocks of edges": nbytes(list(self._scratch.values()))}
 
 
 def refuse_inside_out(ratios: NDArray[np.float64], ids: NDArray[Any], infinite_energy: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from functools import cached_property
 from typing import Any
 
@@ -258,14 +259,16 @@ class BoundInFrames(BoundEnergyOfStretches):
     has_energy = passes_inversion = False
     takes_time = True
 
-    @locked
-    def at(self, t: Any) -> None:
-        """Rotate the frames to their orientation at load factor or time `t`."""
-        elements, m = self.elements, law_size(self.law)
+    def at(self, moment: Any, history: Array | None) -> BoundInFrames:
+        """Return the term with its frames in their orientation at a moment."""
+        elements, m, _ = self.elements, law_size(self.law), self.pairs  # made once for all times
+        rotated = copy(self)
+        rotated._D = self._D.copy()
         assert isinstance(self.stored, FramedStiffness)
-        R = in_lanes(self.stored.frames(t).reshape(-1, 9)[elements.elements].T.astype(self.dtype)).reshape(-1, 9, LANES)
+        R = in_lanes(self.stored.frames(moment).reshape(-1, 9)[elements.elements].T.astype(self.dtype)).reshape(-1, 9, LANES)
         counts = 1 if self.points is None else np.diff(self.points.starts) // (m * LANES)
-        self.law.D.reshape(-1, m, LANES)[:, 8:] = np.repeat(R, counts, axis=0)
+        rotated._D.reshape(-1, m, LANES)[:, 8:] = np.repeat(R, counts, axis=0)
+        return rotated
 
 
 def _change(term: Assembly, u0: Array, u1: Array) -> Array:

@@ -15,12 +15,13 @@ from ..kernels.threads import CopyableLock
 from .pairs import ALL, AccumulatedBlocks, NodeBlocks, PairTerm, Tensions
 
 AnyBound = TypeVar("AnyBound", bound="Bound")
+AnyTerm = TypeVar("AnyTerm", bound="BoundTerm")
 
 
 class Bound:
-    """What terms and loads on a body have in common: the nodes that their stiffness couples, removal, time and history.
+    """What terms and loads on a body have in common: the nodes that their stiffness couples, and removal.
 
-    The defaults are those of a term that couples no nodes, changes only with displacements and cannot lose elements.
+    The defaults are those of a term that couples no nodes and cannot lose elements.
 
     Attributes
     ----------
@@ -36,14 +37,6 @@ class Bound:
         Whether `nodes_paired` follow the body, and how often they have changed.
     removable
         Whether it has a method `without`.
-    takes_time
-        Whether it changes with time, or with the load factor.
-    has_history
-        Whether it has a `history`, such as friction. Each analysis has terms of its own, and calls `commit` for the state at the
-        beginning of each step. After a step, the history is still that of its beginning.
-    history
-        (n,) numbers from which it continues, of any n. An analysis copies them, and sets them to go back; ValueError is raised for
-        numbers that are not its own.
     """
 
     symmetric: bool = True
@@ -53,9 +46,6 @@ class Bound:
     pairs_change: bool = False
     pattern_version: int = 0
     removable: bool = False
-    takes_time: bool = False
-    has_history: bool = False
-    history: Any = np.empty(0)
 
     def look(self, u: Array) -> None:
         """Couple the pairs of nodes that the stiffness at `u` (nv, d) contains, if its pairs follow the body."""
@@ -64,19 +54,9 @@ class Bound:
         """Return the same without the `removed` elements (n,), in the order of its region; of the mesh, if it has no region.
 
         This one is not changed. `removed` includes all removed elements, also those of earlier calls. The new one couples the same
-        pairs of nodes, with blocks of zeros, and has the same history.
+        pairs of nodes, with blocks of zeros, and continues the same history.
         """
         raise StvkError(f"{type(self).__name__}: elements cannot be removed from it; expected a method without(removed).")
-
-    def at(self, t: Any) -> None:
-        """Set it to its state at load factor or time `t`."""
-
-    def with_new_history(self: AnyBound, in_time: bool) -> AnyBound:
-        """Return the same for a new analysis, `in_time` or along load factors, with a history of its own if it has one."""
-        return self
-
-    def commit(self, u: Array, t: float) -> None:
-        """Store in the history that a step begins at displacements `u` (nv, d), at the load factor or time `t`."""
 
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part."""
@@ -104,6 +84,12 @@ class BoundTerm(Bound, ABC):
         Degrees of freedom that it ties to the ground, whose force is external; None if it ties the body to nothing else.
     where
         Place of a foundation, for results.
+    takes_time
+        Whether it depends on more than displacements: on time or the load factor, on a history, or on an assumption. Then `at`
+        returns the term at a moment.
+    has_history
+        Whether it depends on a history, such as friction: numbers (n,) of any n, from which each step of an analysis continues. The
+        analysis passes them to the methods.
     nodes_joined
         Pairs of nodes (2, m) that it joins, if it does not join all that it couples: contacts join none, and removed elements no
         more.
@@ -117,7 +103,35 @@ class BoundTerm(Bound, ABC):
     damped: bool = False
     grounded: Any = None
     where: Any = None
+    takes_time: bool = False
+    has_history: bool = False
     nodes_joined: Any = None
+
+    def at(self: AnyTerm, moment: Any, history: Array | None) -> AnyTerm:
+        """Return the term at a `Moment`, with its history at the beginning of the step; None outside of an analysis.
+
+        The result shares the arrays of this term, which does not change.
+        """
+        return self
+
+    def for_analysis(self: AnyTerm, in_time: bool) -> AnyTerm:
+        """Return the term for a motion `in_time`, or along load factors; raise an error if it is not for this analysis."""
+        return self
+
+    def first_history(self) -> Array:
+        """Return the history before the first step of an analysis."""
+        return np.empty(0)
+
+    def advanced(self, history: Array, u: Array, moment: Any) -> Array:
+        """Return the history of a step that begins at displacements `u` (nv, d), after a step with this `history`."""
+        return history
+
+    def after_step(self, history: Array) -> Array:
+        """Return the history after a step that began with it. Forces are still those of the equation of the step."""
+        return history
+
+    def return_to(self, history: Array) -> None:
+        """Prepare for steps from a history; raise ValueError for numbers that are not its own."""
 
     @abstractmethod
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
@@ -222,19 +236,14 @@ class PlainBound:
     `abilities` are the declarations that follow from a method of the object, if it does not make them itself.
     """
 
-    abilities: ClassVar[dict[str, str]] = {
-        "pairs_change": "pattern_version",
-        "removable": "without",
-        "takes_time": "at",
-        "has_history": "history",
-    }
+    abilities: ClassVar[dict[str, str]] = {"pairs_change": "pattern_version", "removable": "without"}
 
     def __init__(self, of: Any) -> None:
         vars(self).update(of=of, **{name: hasattr(of, method) for name, method in self.abilities.items()})
 
     def __getattribute__(self, name: str) -> Any:
         find = object.__getattribute__
-        if name.startswith("__") or name in ("of", "abilities", "without", "with_new_history"):
+        if name.startswith("__") or name in ("of", "abilities", "without", "at"):
             return find(self, name)
         of = find(self, "of")
         return getattr(of, name) if hasattr(of, name) else find(self, name)
@@ -245,9 +254,6 @@ class PlainBound:
     def without(self, removed: NDArray[np.bool_]) -> Any:
         return type(self)(self.of.without(removed))
 
-    def with_new_history(self, in_time: bool) -> Any:
-        return type(self)(self.of.with_new_history(in_time)) if self.has_history else self
-
 
 class PlainTerm(PlainBound, BoundTerm):
     """Elastic term of a user's class that does not inherit from `BoundTerm`."""
@@ -257,7 +263,12 @@ class PlainTerm(PlainBound, BoundTerm):
         "has_strain_products": "strain_products",
         "has_mean_force": "mean_force",
         "damped": "damping_force",
+        "takes_time": "at",
+        "has_history": "first_history",
     }
+
+    def at(self, moment: Any, history: Array | None) -> Any:
+        return type(self)(self.of.at(moment, history)) if self.takes_time else self
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         return float(self.of.energy_and_force(u, force))

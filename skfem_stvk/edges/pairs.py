@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -83,14 +83,21 @@ class Linearized(NamedTuple):
     total: float
 
 
-class BlockPattern(Protocol):
-    """Pattern of K in blocks of node pairs."""
+class BlockPattern(ABC):
+    """Pattern of K in blocks of node pairs.
+
+    Attributes
+    ----------
+    indptr
+        Index (rows + 1,) of the first value of each row.
+    strides
+        Number of values (nv,) from one row of a vertex to its next row.
+    """
 
     indptr: NDArray[np.int32]
-    """Index (rows + 1,) of the first value of each row."""
     strides: NDArray[np.int32]
-    """Number of values (nv,) from one row of a vertex to its next row."""
 
+    @abstractmethod
     def block_indices(self, a: NDArray[np.int32], b: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return the index (n,) of the first value of each block `(a, b)`."""
 
@@ -355,7 +362,7 @@ class PairTerm(ABC):
 
     def __init__(self, lock: CopyableLock) -> None:
         self._lock = lock
-        self._filled: Array | None = None
+        self._scratch: dict[str, Array] = {}  # values of the blocks that `fill` used last; the term at another time shares them
 
     @property
     @abstractmethod
@@ -377,8 +384,9 @@ class PairTerm(ABC):
     @locked
     def fill(self, u: Array, rows: Any, data: Array, add: bool, force: Array | None = None, kept: Tensions = ALL) -> Linearized:
         """Write the tangent stiffness [N/m] to the CSR values `data`, or add it to them; the other arguments as in `blocks`."""
-        W, self._filled = self.blocks(u, force, self._filled, kept)
-        return Linearized(W, self.pairs.fill(rows, self._filled, add, data))
+        W, filled = self.blocks(u, force, self._scratch.get("blocks"), kept)
+        self._scratch["blocks"] = filled
+        return Linearized(W, self.pairs.fill(rows, filled, add, data))
 
     def with_term(self, term: Any) -> PairTerm:
         """Return the blocks of another `term` that couples the same pairs."""
@@ -412,15 +420,17 @@ class AccumulatedBlocks:
 
     def __init__(self, term: Any, nv: int, d: int, dtype: DTypeLike) -> None:
         self.term, self._space = term, (nv, d, dtype)
-        self._known = self.term.pattern_version, blocks_between(term, *self._space)
+        self._made = {term.pattern_version: blocks_between(term, *self._space)}  # the last one; the term at another time shares it
 
     @property
     def pairs(self) -> PairBlocks:
         """Products and matrices of the blocks."""
-        version, (of, pairs) = self.term.pattern_version, self._known
-        if of != version:
+        version, made = self.term.pattern_version, self._made
+        pairs = made.get(version)
+        if pairs is None:
             pairs = blocks_between(self.term, *self._space)
-            self._known = version, pairs
+            made.clear()
+            made[version] = pairs
         return pairs
 
     def with_term(self: Own, term: Any) -> Own:

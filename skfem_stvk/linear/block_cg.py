@@ -108,7 +108,8 @@ class BlockJacobiAnalysis:
     def _inverse_of(self, K: Operator) -> Vector:
         """Return `_inverted` of the diagonal blocks of K, which are finite in all parts of a divided body."""
         diagonal, space = np.asarray(K.diagonal_blocks()), getattr(K, "space", Space(self.n))
-        return space.comm.together(self._inverted, diagonal)
+        with space.comm.together():
+            return self._inverted(diagonal)
 
     def _search_on(self, K: EdgeBlocks) -> EdgeCg | None:
         """Return the compiled loop on these edges, and store it. Return None if a vertex with unknowns has no edge."""

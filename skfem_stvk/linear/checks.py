@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from ..arguments import number, shown, vector
 from ..errors import StateError, StvkError, name_ids
 from ..kernels.threads import CopyableLock
-from ..space import Space
+from ..space import ONE_PROCESS
 from .solver import Kind, LinearSolver, Outcome, Solution, Unknowns, Vector, structure_of
 
 Method = TypeVar("Method", bound=Callable[..., Any])
@@ -74,37 +74,33 @@ def checked_values(K: Any, unknowns: Unknowns) -> NDArray[np.float64]:
     n = unknowns.n
     if not isinstance(K, csr_matrix) or K.shape != (n, n):
         raise StvkError(f"K = {shown(K)}; expected a csr_matrix of shape {(n, n)}.")
-    if not all(own is known or np.array_equal(own, known) for own, known in ((K.indptr, indptr), (K.indices, indices))):
+    same_rows = K.indptr is indptr or np.array_equal(K.indptr, indptr)
+    if not same_rows or not (K.indices is indices or np.array_equal(K.indices, indices)):
         analysed = f"the structure that was analysed, of {len(indices)} values"
         raise StvkError(
             f"K has {K.nnz} values in another structure; expected {analysed}. Keep the zeros of K, or call analyse() again."
         )
     values = np.ascontiguousarray(K.data, dtype=np.float64)
-    (unknowns.space or Space(n)).comm.together(_refuse_infinite, values)
+    with (ONE_PROCESS if unknowns.space is None else unknowns.space.comm).together():
+        if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
+            raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the previous step diverge?")
     return values
-
-
-def _refuse_infinite(values: NDArray[np.float64]) -> None:
-    if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
-        raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the previous step diverge?")
 
 
 def checked_right(b: Any, n: int, rtol: Any, x0: Any, out: Any) -> tuple[Vector, float, Vector | None]:
     """Return the right-hand side, the tolerance and the start vector of a solve.
 
-    Refuse other shapes, and an `out` that is not writeable.
+    Refuse other shapes, and an `out` that is not writeable. Vectors may contain NaN or infinity, because the outcome of the solve
+    reports them.
     """
     if out is not None:
         own = isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == (n,) and out.flags.writeable
         if not own or isinstance(out, np.ma.MaskedArray):
             raise StvkError(f"out = {shown(out)}; expected an array of double precision ({n},) that can be written to.")
     rtol = number("rtol", rtol, "a number between 0 and 1, such as 1e-10", 0.0, 1.0)
-    return _right("b", b, n), rtol, None if x0 is None else _right("x0", x0, n)
-
-
-def _right(name: str, value: Any, n: int) -> Vector:
-    """Return a vector (n,) in double precision. It may contain NaN or infinity, because the outcome of the solve reports them."""
-    return vector(name, value, n, "free degree of freedom").astype(np.float64, copy=False)
+    each = "free degree of freedom"
+    start = None if x0 is None else vector("x0", x0, n, each).astype(np.float64, copy=False)
+    return vector("b", b, n, each).astype(np.float64, copy=False), rtol, start
 
 
 def checked_unknowns(unknowns: Any) -> Unknowns:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -106,7 +106,7 @@ class SuperLUFactors:
         if self._lu is None:
             return written_to(Solution.none(b, Outcome.SINGULAR), out)
         lu, K = self._lu, self._transpose.T
-        return written_to(solve_checked(lambda x: K @ x, lambda r: lu.solve(r, trans="T"), b, rtol), out)
+        return written_to(solve_checked(K.__matmul__, partial(lu.solve, trans="T"), b, rtol), out)
 
     @latest_only
     def solve_many(self, B: Vector) -> Vector:

@@ -127,7 +127,7 @@ class Element:
         """Shape functions on the reference cell."""
         return self.functions(self.cell)
 
-    @property
+    @cached_property
     def means(self) -> tuple[Corners, ...]:
         """Corners between which each further node lies."""
         return self.shape.means
@@ -138,32 +138,32 @@ class Element:
         corners = self.cell.corners
         return np.array([*corners, *(corners[list(ids)].mean(axis=0) for ids in self.means)]).reshape(-1, self.k)
 
-    @property
+    @cached_property
     def k(self) -> int:
         """Dimension of the reference cell."""
         return self.cell.corners.shape[1]
 
-    @property
+    @cached_property
     def n(self) -> int:
         """Number of nodes."""
         return len(self.cell.corners) + len(self.means)
 
-    @property
+    @cached_property
     def corners(self) -> int:
         """Number of corners, which are the first nodes."""
         return len(self.cell.corners)
 
-    @property
+    @cached_property
     def degree(self) -> int:
         """Degree of the shape functions along an edge: 2 if the element has nodes besides its corners, else 1."""
         return 2 if self.means else 1
 
-    @property
+    @cached_property
     def is_simplex(self) -> bool:
         """Whether the element is a segment, triangle or tetrahedron of any degree, so that each facet is opposite to a corner."""
         return self.corners == self.k + 1
 
-    @property
+    @cached_property
     def is_linear_simplex(self) -> bool:
         """Whether the element is a simplex without further nodes, so that the shape functions have constant gradients."""
         return self.n == self.k + 1

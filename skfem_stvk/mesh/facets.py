@@ -26,7 +26,7 @@ class MeshArrays:
     t: Ids  # (n, nt) nodes of the elements
     element: Element
 
-    @property
+    @cached_property
     def k(self) -> int:
         """Dimension of the elements."""
         return self.element.k
@@ -41,12 +41,12 @@ class MeshArrays:
         """Element of the facets; arrays of facets (m, n) have its nodes."""
         return named(self.element.facet)
 
-    @property
+    @cached_property
     def d(self) -> int:
         """Dimension of the space."""
         return self.p.shape[0]
 
-    @property
+    @cached_property
     def nv(self) -> int:
         """Number of nodes: vertices, and edge midpoints of quadratic elements."""
         return self.p.shape[1]
@@ -56,12 +56,12 @@ class MeshArrays:
         """Number of vertices, which are the first nodes."""
         return self.nv if self.element.degree == 1 else int(self.t[self.element.corners :].min())
 
-    @property
+    @cached_property
     def nt(self) -> int:
         """Number of elements."""
         return self.t.shape[1]
 
-    @property
+    @cached_property
     def word(self) -> str:
         """Word for a node in messages: "vertex" if there are no other nodes."""
         return "vertex" if self.element.degree == 1 else "node"

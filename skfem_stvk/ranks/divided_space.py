@@ -42,7 +42,7 @@ class Ranks(Communicator):
 
     def __init__(self, mpi: MPI.Comm) -> None:
         self.mpi, self.traffic = mpi.Dup(), Traffic()
-        self.rank, self.size = mpi.rank, mpi.size
+        self.rank, self.size, self.divided = mpi.rank, mpi.size, mpi.size > 1
         self._one, self._sum = np.empty(1), np.empty(1)
         if self.divided and errors.on_rank is None:
             errors.on_rank = errors.RankWarnings(prints=self.leads)

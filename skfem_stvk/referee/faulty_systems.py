@@ -20,7 +20,7 @@ from ..edges.topology import LOCAL_EDGES
 from ..errors import StvkError
 from ..mesh import ElementMesh
 from ..system import System
-from ..terms import Body, Corotated, StVK
+from ..terms import Body, Corotated, StVK, Term
 from .bodies import with_material
 from .checks.precision import Textbook
 
@@ -64,11 +64,15 @@ def with_tangent(tangent: Callable[[System, Array], Any], mesh: ElementMesh, ter
 
 
 @dataclass(frozen=True)
-class AlteredTerm:
+class AlteredTerm(Term):
     """Term whose edge coefficients are changed when it is bound to a mesh."""
 
     term: StVK
     change: Callable[[Array, ElementMesh], None]
+
+    @property
+    def region(self) -> Any:
+        return self.term.region
 
     def bind(self, body: Body, dtype: DTypeLike = np.float64) -> Assembly:
         mesh, coefficients = body.mesh, self.term.coefficients(body.mesh).copy()

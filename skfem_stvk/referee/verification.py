@@ -195,7 +195,7 @@ def _of_reduced(reduced: OfFewUnknowns, others: Sequence[str], seed: int, quiet:
         raise StvkError(f"{', '.join(others)}: a reduced body defines these; expected verify(reduced) without them.")
     started, body = time.perf_counter(), reduced.body
     discretisation = Discretisation(body.mesh.element.name, body.quadrature, body.rule.hourglass or 0.0)
-    laws = [term for term in body.elastic_terms if hasattr(term, "material")]
+    laws = [term for term in body.elastic_terms if term.material is not None]
     report = Report(
         header(Shape(body.mesh, discretisation), laws, repr(reduced), seed) | {"reference": "the body in the span of its fields"}
     )

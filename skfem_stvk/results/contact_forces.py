@@ -12,9 +12,9 @@ from ..arguments import Array, text
 from ..errors import ContactError, name_known
 from ..mesh.displacements import by_vertex
 from ..system import System
+from ..terms.loads.bound_contact import BoundContact
 from ..terms.loads.load import Time
 from ..terms.loads.rigid_shapes import RigidShape
-from ..terms.protocols import HasContact, set_time
 from ..units import UnitSystem
 from .reactions import moment_of
 
@@ -83,28 +83,25 @@ def contact_state(system: System, name: str, u: Array, t: Time, forces: Array | 
     ContactError
         if there is no such contact.
     """
-    known = {term.name: term for term in system.contacts}
+    known = {term.name: term for term in system.contacts_at(t)}
     if text("name", name) not in known:
         raise ContactError(f"name = {name!r}; expected a contact of the body; {name_known(name, known)}")
-    set_time(system.bound_terms, t)
     return _state_of(known[name], system, u, None if forces is None else forces[list(known).index(name)])
 
 
 def contact_states(system: System, u: Array, t: Time, forces: Array | None = None) -> tuple[ContactState, ...]:
     """Return the states of all contacts, as `contact_state` does."""
-    if system.contacts:
-        set_time(system.bound_terms, t)
-    each = [None] * len(system.contacts) if forces is None else forces
-    return tuple(_state_of(term, system, u, force) for term, force in zip(system.contacts, each, strict=False))
+    contacts = system.contacts_at(t)
+    each = [None] * len(contacts) if forces is None else forces
+    return tuple(_state_of(term, system, u, force) for term, force in zip(contacts, each, strict=False))
 
 
 def shapes_at(system: System, t: Time) -> list[RigidShape]:
     """Return the rigid shapes of all contacts at load factor or moment `t`."""
-    set_time(system.bound_terms, t)
-    return [term.shape for term in system.contacts if term.shape is not None]
+    return [contact.shape for contact in system.contacts_at(t) if contact.shape is not None]
 
 
-def _state_of(term: HasContact, system: System, u: Array, force: Array | None) -> ContactState:
+def _state_of(term: BoundContact, system: System, u: Array, force: Array | None) -> ContactState:
     x, rest = by_vertex(system.mesh, u), system.mesh.p.T
     if force is None:
         internal = np.zeros(x.shape)

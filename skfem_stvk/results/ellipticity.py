@@ -26,7 +26,7 @@ def smallest_acoustic_eigenvalue(state: Response) -> Masked:
     fields, lowest, tiny = state.fields, np.full(state.fields.mesh.nt, np.inf), np.finfo(float).tiny
     masked = fields.without_term | (fields.mesh.k < fields.mesh.d)
     for part in fields.parts:
-        masked[part.elements] |= part.law is not None or part.linear
+        masked[part.elements] |= part.law.has_response or part.law.small_strain
     form = acoustic_form(state) if not masked.all() else np.zeros((len(lowest), 1, 1, 1, 1))
     for directions in np.random.default_rng(0).standard_normal((NETS, DIRECTIONS, form.shape[1])):
         N = directions[np.argmin([np.linalg.eigvalsh(form @ N @ N)[:, 0] / (N @ N) for N in directions], axis=0)]
@@ -49,7 +49,7 @@ def acoustic_form(state: Response) -> Array:
     C, F = np.zeros((fields.mesh.nt, k, k, k, k)), np.eye(3) + embedded(state.gradient)
     for part in fields.parts:
         share = (part.section / fields.section[part.elements])[:, None, None, None, None]
-        C[part.elements] += share * elasticity(part.material, part.hypothesis, state.point.frames[part.elements], k)
+        C[part.elements] += share * elasticity(part.law.material, part.hypothesis, state.point.frames[part.elements], k)
     cofactors, F = np.swapaxes(adjugate(F), 1, 2)[:, :k, :k], F[:, :k, :k]
     form = np.einsum("niM,nMJNL,nkN->nikJL", F, C, F, optimize=True)
     form += np.einsum("ik,nJLMN,nMN->nikJL", np.eye(k), C, state.strain[:, :k, :k], optimize=True)

@@ -15,7 +15,6 @@ from ..mesh import ElementMesh
 from ..npz import Ids
 from ..system import System
 from ..system.bound import FLAT, compressed_in_part, inverted_in_part
-from ..terms import HasStress
 
 #: Poisson's ratio above which linear elements lock, and the stretch below which St. Venant-Kirchhoff bodies soften.
 LOCKING, SOFTENING = 0.45, 3**-0.5
@@ -85,7 +84,7 @@ class Monitors:
             return ()
         ratio = np.full(self._system.mesh.nt, -1.0)
         for term in self._system.body.terms:
-            if isinstance(term, HasStress) and not term.hypothesis(self._system.mesh).condensed:
+            if term.is_law and not term.hypothesis(self._system.mesh).condensed:
                 elements = self._system.mesh.elements(term.region)
                 ratio[elements] = np.maximum(ratio[elements], poisson_of(term.material))
         largest = self._system.space.comm.most(float(ratio.max(initial=-1.0)))

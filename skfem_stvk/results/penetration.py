@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ..arguments import Array
+from ..arguments import Array, shown
 from ..mesh.displacements import by_vertex
 from ..system import System
-from ..terms.protocols import CanPenetrate, DoesWork, set_time
+from ..terms.loads.load import Moment, Time
+from ..terms.loads.rigid_contact import BoundRigidContact
 from .monitors import Finding
 
 #: Depth in mean edges of the facets above which a contact is too soft: a pressed ball then has lost 10 % of its force.
@@ -20,13 +21,13 @@ SHORT = 5
 LAG, DRAGGED = 0.05, 0.5
 
 
-def contact_findings_at(system: System, u: Array) -> Iterator[Finding]:
-    """Yield the findings on contacts at displacements `u` (ndofs,) and the present load factor."""
+def contact_findings_at(system: System, u: Array, t: Time) -> Iterator[Finding]:
+    """Yield the findings on contacts at displacements `u` (ndofs,) and load factor `t`."""
     x = by_vertex(system.mesh, u)
-    for contact in system.contacts:
-        if isinstance(contact, CanPenetrate):
+    for contact in system.contacts_at(t):
+        if isinstance(contact, BoundRigidContact):
             yield from penetration(system, contact, x, contact.smallest_gap(x), "")
-        if isinstance(contact, DoesWork):
+        if contact.has_friction:
             missing, largest = contact.missing_friction(x)
             resultant = float(np.linalg.norm(missing.sum(axis=0)))
             if resultant > max(LAG * largest, DRAGGED * np.linalg.norm(missing, axis=1).sum()):
@@ -38,7 +39,7 @@ def contact_findings_at(system: System, u: Array) -> Iterator[Finding]:
                 yield _finding("lagging friction", contact.name, resultant / largest, what)
 
 
-def penetration(system: System, contact: CanPenetrate, x: Array, gap: float, when: str) -> Iterator[Finding]:
+def penetration(system: System, contact: BoundRigidContact, x: Array, gap: float, when: str) -> Iterator[Finding]:
     """Yield the findings "wrong side" at displacements `x` (nv, d), "deep contact" and "thin shape" at the smallest gap `gap` [m].
 
     `when` is the moment of this gap in words.
@@ -70,15 +71,14 @@ def short_on_path(system: System, times: Array, states: Array) -> Iterator[Findi
     Only shapes with another side count, because a body leaves the others where it came from.
     """
     remedy = "The body may have passed the shape: take more steps, a finer surface, or a larger stiffness."
-    for contact in (term for term in system.contacts if isinstance(term, CanPenetrate) and np.isfinite(term.shape.thickness)):
-        gaps = np.empty(len(times))
-        for i, (t, u) in enumerate(zip(times, states, strict=True)):
-            set_time([contact], t)
-            gaps[i] = contact.smallest_gap(by_vertex(system.mesh, u))
+    rigid = [contact for contact in system.contacts if isinstance(contact, BoundRigidContact)]
+    for contact in (one for one in rigid if np.isfinite(one.shape.thickness)):
+        at = (contact.at(Moment.of(t), None) for t in times)
+        gaps = np.array([one.smallest_gap(by_vertex(system.mesh, u)) for one, u in zip(at, states, strict=True)])
         yield from short_contacts(contact, gaps, times, "", "states of the path", remedy)
 
 
-def short_contacts(contact: CanPenetrate, gaps: Array, times: Array, s: str, steps: str, remedy: str) -> Iterator[Finding]:
+def short_contacts(contact: BoundRigidContact, gaps: Array, times: Array, s: str, steps: str, remedy: str) -> Iterator[Finding]:
     """Yield the finding "short contact" on contacts that begin and end, from the smallest gaps (n,) [m] at `times` (n,) in `s`."""
     change = np.diff((gaps < 0).astype(np.int8))
     begin, end = np.flatnonzero(change == 1), np.flatnonzero(change == -1)
@@ -91,6 +91,28 @@ def short_contacts(contact: CanPenetrate, gaps: Array, times: Array, s: str, ste
             f"{times[begin[short[0]] + 1]:.4g}{s} on; the shortest has {lengths.min()}. {remedy}"
         )
         yield _finding("short contact", contact.name, float(lengths.min()), what)
+
+
+def start_within(system: System, ledger: Mapping[str, Array]) -> str:
+    """Return a sentence on rigid shapes in which the body is deep at the start; empty after the first step."""
+    if len(ledger["time"]) != 1:
+        return ""
+    contacts = [term for term in system.contacts if isinstance(term, BoundRigidContact)]
+    deep = [shown(one.name) for one in contacts if ledger[f"contact {one.name} gap"][0] < -DEEP * one.edge]
+    return (
+        f" The body starts within the shape of {', '.join(deep)}: check the position and the normal of the shape." if deep else ""
+    )
+
+
+def contact_findings(system: System, ledger: Mapping[str, Array], u: Array, t: Time) -> Iterator[Finding]:
+    """Yield the findings on rigid contacts of a motion with the last displacements `u` (ndofs,) at `t`."""
+    times, x, s = ledger["time"], by_vertex(system.mesh, u), f" {system.units.of('s')}"
+    remedy = "Steps do not resolve their forces. Take a smaller dt, a smaller stiffness, or an onset."
+    for contact in (term for term in system.contacts_at(t) if isinstance(term, BoundRigidContact)):
+        gaps = ledger[f"contact {contact.name} gap"]
+        deepest = int(gaps.argmin())
+        yield from penetration(system, contact, x, gaps[deepest], f", at t = {times[deepest]:.4g}{s}")
+        yield from short_contacts(contact, gaps, times, s, "steps", remedy)
 
 
 def _finding(name: str, contact: str, extreme: float, what: str) -> Finding:

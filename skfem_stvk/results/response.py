@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array, choice
-from ..edges.materials import Hypothesis, Material
+from ..edges.materials import Hypothesis
 from ..errors import StateError, StvkError
 from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry, PointGeometry, geometries
 from ..mesh.points import sizes_of
-from ..terms import Body, Deformation, HasPressure, HasResponse, HasStress, is_load
+from ..terms import Body, Deformation, Term, VolumePenalty, is_load
 from ..terms.laws.response_at_points import green_strain_of
-from ..terms.protocols import has_stress
+from ..terms.term import specified
 from .law_on_elements import dilation, rest_frames, strain_and_stress, volume_stress
 
 #: One value per element, or one at a point of each, and a mask of the elements that have none.
@@ -27,17 +27,12 @@ Masked: TypeAlias = tuple[Array, NDArray[np.bool_]]
 
 @dataclass(frozen=True)
 class ElasticPart:
-    """Law of a term on its elements, with their sections (thickness, area or 1). `law` is set if it is not St. Venant-Kirchhoff's.
-    Flags say whether it is linear, `S = C : eps` of the small strain, and whether its stress and energy density are known.
-    """
+    """Law on its elements, with their sections (thickness, area or 1)."""
 
     elements: NDArray[np.int64]
-    material: Material
+    law: Term
     hypothesis: Hypothesis
     section: Array
-    law: HasResponse | None
-    linear: bool
-    known: bool
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,7 @@ class VolumePart:
     """Volume penalty on its elements, with its stiffness [Pa], and whether the elements are constrained across."""
 
     elements: NDArray[np.int64]
-    term: HasPressure
+    term: VolumePenalty
     stiffness: Array
     constrained_across: NDArray[np.bool_]
 
@@ -67,23 +62,22 @@ class ElasticBody:
         self.mesh = ElementMesh.of(mesh)
         self.kind = "usual" if quadrature is None else choice("quadrature", quadrature, ("exact", "one-point"))
         all_terms = list(terms) if isinstance(terms, Iterable) and not isinstance(terms, np.ndarray) else [terms]
-        carrying = [term for term in all_terms if isinstance(term, HasStress)]
-        penalties = [term for term in all_terms if isinstance(term, HasPressure)]
-        if all(is_load(term) or not hasattr(term, "bind") for term in all_terms):
+        elastic = [specified(term) for term in all_terms if not is_load(term)]
+        if not elastic:
             raise StvkError("None of the terms carries stress; expected at least one StVK(...).")
-        self.parts = [self._part(term) for term in carrying]
+        self.parts = [self._part(term) for term in elastic if term.is_law]
         self.section, self.total_section = np.zeros(self.mesh.nt), np.zeros(self.mesh.nt)
         for part in self.parts:
             self.section[part.elements] = np.maximum(self.section[part.elements], part.section)
             self.total_section[part.elements] += part.section
         self.without_term: NDArray[np.bool_] = self.total_section == 0
         self.section[self.without_term] = 1.0
-        body = Body(self.mesh, all_terms)
-        self.volume_parts = [self._volume_part(term, body) for term in penalties]
+        body = Body(self.mesh, elastic)
+        self.volume_parts = [self._volume_part(term, body) for term in elastic if term.has_pressure]
         for penalty in self.volume_parts:
             self.without_term[penalty.elements] = False
         for part in self.parts:
-            self.without_term[part.elements] |= not part.known
+            self.without_term[part.elements] |= not part.law.has_stress
         self.removed = np.zeros(self.mesh.nt, dtype=bool)
 
     def leave_out(self, elements: NDArray[np.int64]) -> None:
@@ -91,16 +85,13 @@ class ElasticBody:
         self.removed[elements] = True
         self.without_term = self.without_term | self.removed
 
-    def _part(self, term: HasStress) -> ElasticPart:
+    def _part(self, term: Term) -> ElasticPart:
         elements, hypothesis = self.mesh.elements(term.region), term.hypothesis(self.mesh)
         term.material.check(len(elements), hypothesis)
         section = np.broadcast_to(term.section(self.mesh, len(elements)), len(elements))
-        # StVK has a response with wrinkling
-        law = term if isinstance(term, HasResponse) and term.response is not None else None
-        linear = bool(getattr(term, "small_strain", False))
-        return ElasticPart(elements, term.material, hypothesis, section, law, linear, has_stress(term))
+        return ElasticPart(elements, term, hypothesis, section)
 
-    def _volume_part(self, term: HasPressure, body: Body) -> VolumePart:
+    def _volume_part(self, term: Any, body: Body) -> VolumePart:
         """Return a penalty on its elements; elements without another term are in plane strain."""
         constrained = (self.total_section == 0) & (self.mesh.k > 1)
         for part in self.parts:
@@ -113,7 +104,7 @@ class ElasticBody:
         """Whether (nt,) all terms of an element are linear: its stress is then the same in all measures."""
         linear, others = np.zeros(self.mesh.nt, dtype=bool), np.zeros(self.mesh.nt, dtype=bool)
         for part in self.parts:
-            (linear if part.linear else others)[part.elements] = True
+            (linear if part.law.small_strain else others)[part.elements] = True
         for penalty in self.volume_parts:
             others[penalty.elements] = True
         return linear & ~others
@@ -121,7 +112,7 @@ class ElasticBody:
     @cached_property
     def wrinkling(self) -> NDArray[np.int64]:
         """Ascending ids of the elements that may wrinkle: their volume does not depend on folds."""
-        may = [part.elements for part in self.parts if getattr(part.law, "wrinkling", False)]
+        may = [part.elements for part in self.parts if part.law.wrinkling]
         return np.unique(np.concatenate([np.empty(0, np.int64), *may]))
 
     @cached_property
@@ -225,13 +216,14 @@ class Response:
         within = small + np.swapaxes(self.gradient, 1, 2) @ self.gradient / 2  # Green-Lagrange's, without cancellation
         natural, stress, density = np.zeros((len(within), 3, 3)), np.zeros((len(within), 3, 3)), np.zeros(len(within))
         shrunk = np.zeros(len(within), dtype=bool)
-        for part in (part for part in fields.parts if part.known):
+        for part in (part for part in fields.parts if part.law.has_stress):
             ids = part.elements
-            if part.law is None:
-                small_or_green = small if part.linear else within
-                E, S = strain_and_stress(part.material, part.hypothesis, small_or_green[ids], frames[ids])
+            if not part.law.has_response:
+                linear = part.law.small_strain
+                small_or_green = small if linear else within
+                E, S = strain_and_stress(part.law.material, part.hypothesis, small_or_green[ids], frames[ids])
                 W = (S * E).sum(axis=(1, 2)) / 2
-                if part.linear:
+                if linear:
                     E[:, :k, :k], E[:, k:, k:] = within[ids], green_strain_of(E[:, k:, k:])
             else:
                 present = ~fields.removed[ids, None, None]  # removed elements may be anywhere

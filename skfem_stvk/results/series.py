@@ -17,9 +17,8 @@ from ..arguments import flag, number
 from ..errors import StvkError, warn
 from ..space import ONE_PROCESS, Space
 from ..system.signature import Fingerprint, Signature
-from .complete_files import cannot_write, in_all_parts, of_leader, output_path, replacing
+from .complete_files import OneWriter, cannot_write, in_all_parts, of_leader, output_path, replacing
 from .fields import State, checked_state
-from .one_writer import OneWriter
 from .pieces import remove_state
 from .table import find_all
 from .vtu import DEFAULT, write_vtu

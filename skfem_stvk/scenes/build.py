@@ -25,7 +25,7 @@ from ..results.table import find
 from ..solvers.dynamics import Integrator
 from ..solvers.dynamics.ledger_rows import refuse_name_of_column
 from ..solvers.dynamics.motion import Motion
-from ..solvers.runs.state_files import read_state
+from ..solvers.state_files import read_state
 from ..system import System
 from ..system.free_tangent import solver_for
 from ..system.supports import Supports, fixed_dofs

@@ -28,7 +28,7 @@ from ..solvers.dynamics.simulate import first_state
 from ..solvers.dynamics.stable_step import SAFETY
 from ..system import System
 from ..system.free_tangent import entries_of, kind_of, with_loads
-from ..system.rigid import free_rigid_modes
+from ..system.rigid import free_rigid_modes, parts_of_body
 from ..terminal import grid, printable
 from ..terms import StVK
 from ..units import UNITS, implausible_moduli
@@ -283,7 +283,7 @@ def _body(found: Inspection, system: System, terms: list[str], built: Built | No
 def _free_motions(found: Inspection, system: System, built: Built | None) -> int:
     """Add and return the number of free rigid motions of the parts of the body."""
     constrained = np.union1d(system.supports.held, system.grounded)
-    remaining = free_rigid_modes(system.mesh.p, system.parts(), constrained, system.mesh.word)
+    remaining = free_rigid_modes(system.mesh.p, parts_of_body(system), constrained, system.mesh.word)
     count = sum(one.count for one in remaining)
     found.add("body", Fact("rigid motions left", count))
     if remaining and built is not None and built.sections.analysis.type in ("static", "arc-length"):

@@ -15,9 +15,8 @@ from pydantic import ValidationError
 from ..arguments import path as checked_path
 from ..errors import StvkError
 from ..kernels.threads import threads
-from ..results.complete_files import replacing
-from ..results.one_writer import OneWriter
-from ..solvers.runs.state_files import parts_of_state
+from ..results.complete_files import OneWriter, replacing
+from ..solvers.state_files import parts_of_state
 from ..system import System
 from ..terminal import html_table
 from .build import Built, build, check, partition_of

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,22 +12,22 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from ..arguments import Array, number, whole_array
 from ..edges.bound_term import Bound, BoundElements, BoundTerm, bound, joined, with_blocks
 from ..edges.elements import Quadrature
+from ..edges.pairs import PairTerm
 from ..errors import ContactError, RegionError, StvkError, warn
 from ..mesh import ElementMesh
 from ..mesh.displacements import by_vertex
 from ..terms import (
     Body,
     BoundLoad,
-    DoesWork,
-    HasContact,
     Load,
     Term,
     is_load,
 )
 from ..terms.bound_load import bound_load
 from ..terms.connectivity import Connected
+from ..terms.loads.bound_contact import BoundContact
 from ..terms.loads.load import Moment, Time
-from ..terms.protocols import Assumption, set_time
+from ..terms.term import given, specified
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.
 FLAT = 1e-9
@@ -52,16 +52,17 @@ class BoundTerms:
         connectivity: Connected | None = None,
     ) -> None:
         self.mesh, self.space, self.ndofs = mesh, mesh.space, mesh.p.size
-        self.dtype, self.terms = np.dtype(dtype), tuple(terms)
+        specifications = [specified(term) for term in terms]
+        self.dtype, self.terms = np.dtype(dtype), tuple(map(given, specifications))
         beside = () if connectivity is None else connectivity.beside
-        of = (0,) * len(self.terms) if connectivity is None else connectivity.of
-        self.loads: tuple[Load, ...] = tuple(filter(is_load, self.terms))
-        self.elastic_terms: tuple[Any, ...] = tuple(term for term in self.terms if not is_load(term))
+        of = (0,) * len(specifications) if connectivity is None else connectivity.of
+        self.loads: tuple[Load, ...] = tuple(filter(is_load, specifications))
+        self.elastic_terms: tuple[Any, ...] = tuple(term for term in specifications if not is_load(term))
         if not self.elastic_terms:
             raise StvkError("Got only loads; expected at least one elastic term, such as StVK(young=..., poisson=...).")
         if mesh.space.comm.divided:
-            _refuse_not_additive(self.terms)
-        self._of = tuple(number for number, term in zip(of, self.terms, strict=True) if not is_load(term))
+            _refuse_not_additive(specifications)
+        self._of = tuple(number for number, term in zip(of, specifications, strict=True) if not is_load(term))
         others = [Body(one, self._terms_on(number)) for number, one in enumerate(beside, start=1)]
         self.body = Body(mesh, self._terms_on(0), quadrature, others)
         bodies = (self.body, *others)
@@ -84,27 +85,24 @@ class BoundTerms:
             warn(f"{mesh.name_nodes(bare)}: in no term, so their rows of K are zero. Is a region missing from the terms?")
 
     def _sort(self) -> None:
-        """Sort the bound terms and loads by what they can do.
-
-        Of the terms with volumes, those are listed with the ids of their elements that have elements of no earlier term; most often
-        the first term covers all elements.
-        """
+        """Sort the bound terms and loads by what they can do."""
         every: tuple[Bound, ...] = (*self.bound_terms, *self.bound_loads)
         #: Terms that tie the body to the ground, such as foundations.
         self.foundations = [term for term in self.bound_terms if term.grounded is not None]
-        self._with_history = [one for one in every if one.has_history]
+        #: Bound terms of contact.
+        self.contacts = [term for term in self.bound_terms if isinstance(term, BoundContact)]
+        # Indices of the terms with a history, and of those that depend on more than displacements: on time, history or an assumption.
+        of_foundations = [term.grounded for term in self.foundations]
+        tied = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *of_foundations]))
+        self.grounded = self.space.union(tied, self.ndofs)
+        self._with_history = [i for i, term in enumerate(self.bound_terms) if term.has_history]
+        self._changing = frozenset(i for i, term in enumerate(self.bound_terms) if term.takes_time)
         self._with_changing_pairs = [one for one in every if one.pairs_change]
-        specified = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
-        self.on_elements = [(number, of, term) for number, of, term in specified if isinstance(term, BoundElements)]
-        self._with_volume: list[tuple[NDArray[np.int64], BoundElements]] = []
-        known = np.zeros(self.mesh.nt, dtype=bool)
-        for specification, term in self._on_elements_of_mesh:
-            elements = self.mesh.elements(specification.region)
-            if not known[elements].all():
-                self._with_volume.append((elements, term))
-            known[elements] = True
-        self.contacts: list[HasContact] = [term for term in self.bound_terms if isinstance(term, HasContact)]
-        self.working_contacts: list[DoesWork] = [term for term in self.bound_terms if isinstance(term, DoesWork)]
+        every_elastic = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
+        self.on_elements = [(number, of, term) for number, of, term in every_elastic if isinstance(term, BoundElements)]
+        self.__dict__.pop("_with_volume", None)
+        self._on_elements_of_mesh = [(of, term) for number, of, term in self.on_elements if number == 0]
+        self.working_contacts = [term for term in self.contacts if term.does_work]
         self.elastic_names = [name for name, term in self._named if not is_load(term)]
         self.without_energy = [name for name, term in zip(self.elastic_names, self.bound_terms, strict=True) if not term.has_energy]
         elastic = not self.without_energy and all(term.symmetric for term in self.bound_terms)
@@ -112,8 +110,20 @@ class BoundTerms:
         self.dead = elastic and all(load.dead for load in self.bound_loads)
         self.constant_tangent = self.dead and all(term.constant_tangent for term in self.bound_terms)
         self.quartic = all(term.quartic for term in self.bound_terms)
-        self.resists_inversion = any(getattr(term, "resists_inversion", False) for term in self.elastic_terms)
+        self.resists_inversion = any(term.resists_inversion for term in self.elastic_terms)
         self.removed, self.bare = np.flatnonzero(self.body.removed), np.flatnonzero(self.body.bare)
+
+    @cached_property
+    def _with_volume(self) -> list[tuple[NDArray[np.int64], BoundElements]]:
+        """Terms that provide volume ratios, and the ids of their elements; most often the first term covers all elements."""
+        retained: list[tuple[NDArray[np.int64], BoundElements]] = []
+        known = np.zeros(self.mesh.nt, dtype=bool)
+        for specification, term in self._on_elements_of_mesh:
+            elements = self.mesh.elements(specification.region)
+            if not known[elements].all():
+                retained.append((elements, term))
+            known[elements] = True
+        return retained
 
     def _terms_on(self, number: int) -> list[Any]:
         """Return the elastic terms on the mesh, for number 0, or on one of the meshes of lower dimensions."""
@@ -125,17 +135,13 @@ class BoundTerms:
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         return [(specification, term) for number, specification, term in every if number == 0]
 
-    @property
-    def _on_elements_of_mesh(self) -> list[tuple[Any, BoundElements]]:
-        return [(specification, term) for number, specification, term in self.on_elements if number == 0]
-
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
-        unsupported = [type(term).__name__ for term, bound in self._on_mesh if not bound.removable]
+        unsupported = [type(given(term)).__name__ for term, bound in self._on_mesh if not bound.removable]
         unsupported += [
-            type(load).__name__
+            type(given(load)).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
-            if not bound.removable and (bound.has_history or bound.pairs_change)
+            if not bound.removable and bound.pairs_change
         ]
         if unsupported:
             raise StvkError(
@@ -149,7 +155,7 @@ class BoundTerms:
         removed[elements] = True
 
         def remaining(specification: Any, bound: Any) -> Any:
-            return bound.without(removed[self.mesh.elements(getattr(specification, "region", None))])
+            return bound.without(removed[self.mesh.elements(specification.region)])
 
         every = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         terms = [term if number else remaining(specification, term) for number, specification, term in every]
@@ -171,23 +177,47 @@ class BoundTerms:
         self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
         self._sort()
 
-    def commit(self, u: ArrayLike, t: Time) -> None:
-        """Begin a step at displacements `u` (ndofs,), at the load factor or moment `t`; terms with history store them."""
-        if self._with_history:
-            set_time(self._with_history, t)
-            for term in self._with_history:
-                term.commit(self._state(u), Moment.of(t).time)
+    def terms_at(self, t: Time) -> tuple[BoundTerm, ...]:
+        """Return the bound terms at the load factor or moment `t`, with the history of its step."""
+        moment = self._moment(t)
+        if not self._changing:
+            return self.bound_terms
+        histories = iter(() if moment.step is None else moment.step.history)
+        history = {i: next(histories, None) for i in self._with_history}
+        return tuple(term.at(moment, history.get(i)) if i in self._changing else term for i, term in enumerate(self.bound_terms))
 
-    def history(self) -> tuple[Array, ...]:
-        """Return copies of the histories of all terms that have one, for `return_to`."""
-        return tuple(term.history.copy() for term in self._with_history)
+    def pairs_at(self, t: Time) -> tuple[PairTerm, ...]:
+        """Return `terms_at` with their blocks."""
+        if not self._changing:
+            return self.pair_terms
+        return tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.terms_at(t), strict=True))
+
+    def _moment(self, t: Time) -> Moment:
+        """Return the moment of load factor or time `t`, checked."""
+        return Moment.checked(t)
+
+    def first_history(self) -> tuple[Array, ...]:
+        """Return the history of each term that has one, before the first step of an analysis."""
+        return tuple(self.bound_terms[i].first_history() for i in self._with_history)
+
+    def advanced(self, history: Sequence[Array], u: ArrayLike, t: Time) -> tuple[Array, ...]:
+        """Return the history of a step that begins at displacements `u` (ndofs,), at `t`, after a step with this `history`."""
+        if not history:
+            return ()
+        x, moment, terms = self._state(u), self._moment(t), (self.bound_terms[i] for i in self._with_history)
+        return tuple(term.advanced(one, x, moment) for term, one in zip(terms, history, strict=True))
+
+    def after_step(self, history: Sequence[Array]) -> tuple[Array, ...]:
+        """Return the history after a step that began with it: pairs of nodes that K couples by now are added."""
+        terms = (self.bound_terms[i] for i in self._with_history)
+        return tuple(term.after_step(one) for term, one in zip(terms, history, strict=True))
 
     def return_to(self, history: Sequence[Array]) -> None:
-        """Go back to a result of `history`. Raises ValueError if it is of another body."""
+        """Prepare for steps from an earlier history. Raises ValueError if it is of another body."""
         if len(history) != len(self._with_history):
             raise ValueError(f"it has the histories of {len(history)} terms; expected {len(self._with_history)}")
-        for term, one in zip(self._with_history, history, strict=True):
-            term.history = one
+        for i, one in zip(self._with_history, history, strict=True):
+            self.bound_terms[i].return_to(one)
 
     def smallest_volume_ratio(self, u: ArrayLike) -> float:
         """Return the smallest volume ratio `J` of an element at `u` to rest; an element with `J < 0` is inverted.
@@ -217,23 +247,9 @@ class BoundTerms:
         x, y = self._state(u), self._state(v, "v")
         return self.space.comm.least(min((term.step_limit(x, y) for _, term in self._with_volume), default=np.inf))
 
-    @contextmanager
-    def assuming(self, what: Assumption, friction: float = 1.0) -> Iterator[None]:
-        """Let tangents contain what contacts would add under an assumption, within the block; states are (nv, d).
-
-        Friction acts with the factor `friction` there.
-        """
-        for term in self.contacts:
-            term.assumed = what
-        for rubbing in self.working_contacts:
-            rubbing.friction_factor = friction
-        try:
-            yield
-        finally:
-            for term in self.contacts:
-                term.assumed = None
-            for rubbing in self.working_contacts:
-                rubbing.friction_factor = 1.0
+    def contacts_at(self, t: Time) -> list[BoundContact]:
+        """Return the contacts at the load factor or moment `t`, with the history of its step."""
+        return [term for term in self.terms_at(t) if isinstance(term, BoundContact)] if self.contacts else []
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
@@ -251,20 +267,14 @@ class BoundTerms:
         x = self._state(u)
         return self.space.comm.least(min((term.smallest_stretch(x) for _, term in self._on_elements_of_mesh), default=np.inf))
 
-    def compressed(self, u: ArrayLike, below: float) -> NDArray[np.int64]:
-        """Return the ids of the elements with a smallest principal stretch below `below` at `u`, ascending.
-
-        StateError as in `energy`.
-        """
-        return self.mesh.ids_of_all(compressed_in_part(self, u, below))
-
     @property
     def _named(self) -> list[tuple[str, Any]]:
         return [(f"{type(term).__name__} {number}", term) for number, term in enumerate(self.terms)]
 
     def _state(self, u: ArrayLike, name: str = "u") -> Array:
         """Return displacements as (nv, d). All parts of a divided body call this method together."""
-        return self.space.comm.together(by_vertex, self.mesh, u, name)
+        with self.space.comm.together():
+            return by_vertex(self.mesh, u, name)
 
 
 def inverted_in_part(body: BoundTerms, u: ArrayLike) -> NDArray[np.int64]:
@@ -302,7 +312,7 @@ def elements_to_remove(body: BoundTerms, elements: Any) -> NDArray[np.int64]:
 
 def _refuse_not_additive(terms: Sequence[Any]) -> None:
     """Raise StvkError for terms of which the forces of the parts of a divided body do not add up to those of the body."""
-    if names := [f"{type(term).__name__} {n}" for n, term in enumerate(terms) if not getattr(term, "per_element", False)]:
+    if names := [f"{type(given(term)).__name__} {n}" for n, term in enumerate(terms) if not term.per_element]:
         raise StvkError(
             f"{', '.join(names)}: not a sum over elements (per_element = False), so the forces of the parts of a divided body "
             "would not add up; expected other terms, such as StVK(...), or one rank."
@@ -314,8 +324,4 @@ def checked_terms(value: Any) -> tuple[Any, ...]:
     terms = tuple(value) if isinstance(value, Sequence) else (value,)
     if not terms:
         raise StvkError("Got no terms; expected at least one, such as StVK(young=..., poisson=...).")
-    for term in terms:
-        if isinstance(term, type) or not hasattr(term, "bind"):
-            name = term.__name__ if isinstance(term, type) else type(term).__name__
-            raise StvkError(f"Got a term of type {name}; expected StVK(...) or a list of terms.")
-    return terms
+    return tuple(specified(term) for term in terms)

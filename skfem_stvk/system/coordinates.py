@@ -40,7 +40,7 @@ class Coordinates(ABC):
     """Body with displacements `u = columns z`, with the interface of a `System` in the coordinates `z`.
 
     The first `size` of the coordinates `z = (q, s)` (m,) are free, the others are prescribed. The body must not have terms with
-    history.
+    history, or that change with time.
 
     Attributes
     ----------
@@ -123,15 +123,15 @@ class Coordinates(ABC):
             self._known[key] = self.response(z)
         return self._known[key]
 
-    def elastic_energies(self, z: Array) -> list[float]:
+    def elastic_energies(self, z: Array, t: Time = 0.0) -> list[float]:
         """Return the strain energy of all terms together [J], in a list."""
         return [self.linearize(z)[0]]
 
-    def internal_force(self, z: Array) -> Array:
+    def internal_force(self, z: Array, t: Time = 0.0) -> Array:
         """Return `dW/dz` (m,)."""
         return self.linearize(z)[1].copy()
 
-    def energy_and_force(self, z: Array, out: Array) -> tuple[float, Array]:
+    def energy_and_force(self, z: Array, out: Array, t: Time = 0.0) -> tuple[float, Array]:
         """Return the strain energy and `dW/dz`, which is written to `out`."""
         energy, out[:], _ = self.linearize(z)
         return energy, out
@@ -141,7 +141,7 @@ class Coordinates(ABC):
         K, follows = self.linearize(z)[2], self.load_stiffness(z, t)
         return K if follows is None else K + follows
 
-    def linear_operator(self, z: Array) -> Array:
+    def linear_operator(self, z: Array, t: Time = 0.0) -> Array:
         """Return `d2W/dz2` (m, m), for products `K @ x`."""
         return self.linearize(z)[2]
 
@@ -163,15 +163,20 @@ class Coordinates(ABC):
             last = self._last_inverted = z.copy(), self.system.inside_out(self.space.expand(z))
         return last[1]
 
-    def commit(self, z: Array, t: Time) -> None:  # noqa: B027
-        """Do nothing, because no term has history."""
+    def first_history(self) -> tuple[Array, ...]:
+        """Return nothing, because no term has history."""
+        return ()
 
-    def history(self) -> tuple[Array, ...]:
-        """Return nothing, as in `commit`."""
+    def advanced(self, history: Sequence[Array], z: Array, t: Time) -> tuple[Array, ...]:
+        """Return nothing, as in `first_history`."""
+        return ()
+
+    def after_step(self, history: Sequence[Array]) -> tuple[Array, ...]:
+        """Return nothing, as in `first_history`."""
         return ()
 
     def return_to(self, history: Sequence[Array]) -> None:  # noqa: B027
-        """Do nothing, as in `commit`."""
+        """Do nothing, as in `first_history`."""
 
 
 class CoordinateMass:
@@ -268,7 +273,7 @@ class DenseTangent:
             self.constrained.restrict(residual)
         )
 
-    def round_off(self, z: Array, K: Array | None = None) -> Array:
+    def round_off(self, z: Array, t: Time, K: Array | None = None) -> Array:
         """Return `|K| |z|` (m,), the round-off of the internal force over eps. K is by default the stiffness at `z`.
 
         Entries are 0 where the estimate is too large to be meaningful.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arguments import Array
 from ..linear import Factors, Solution
 from ..mesh.displacements import by_vertex
+from ..terms.loads.load import Time
 from .coordinates import Coordinates, DenseTangent
 from .free_tangent import FreeTangent
 from .system import System
@@ -27,8 +28,12 @@ class Equation:
 
     Attributes
     ----------
+    system
+        The body with all its displacements.
     states, space
         Spaces of the states and of the unknowns.
+    has_barrier
+        Whether surfaces of the body repel each other at a distance.
     no_step_limit
         Whether steps are taken without a limit by the inversion of elements.
     ignores_inversion
@@ -42,23 +47,15 @@ class Equation:
         self, body: System | Coordinates, tangent: FreeTangent | DenseTangent, watch: Callable[[str], AbstractContextManager[Any]]
     ) -> None:
         self.body, self.tangent, self._watch = body, tangent, watch
+        self.system = body.system if isinstance(body, Coordinates) else body
         self.states, self.space = body.space, tangent.space
+        self.has_barrier = any(contact.is_barrier for contact in self.system.contacts)
         self.ignores_inversion = body.constant_tangent  # a linear body has only one solution
         self.no_step_limit = self.ignores_inversion or isinstance(body, Coordinates)  # a reduced body checks elements at its states
 
     @property
-    def system(self) -> System:
-        """Body with all its displacements."""
-        return self.body.system if isinstance(self.body, Coordinates) else self.body
-
-    @property
     def iterative(self) -> bool:
         return self.tangent.solver.iterative
-
-    @property
-    def has_barrier(self) -> bool:
-        """Whether surfaces of the body repel each other at a distance."""
-        return any(contact.is_barrier for contact in self.system.contacts)
 
     def solve(self, factors: Factors, b: Array, rtol: float) -> Solution:
         """Solve `K x = b` to the tolerance `rtol`, or to `largest_rtol` if that is smaller."""
@@ -80,16 +77,16 @@ class Equation:
         with self._watch("assemble"):
             return self.system.step_limit(self._body_state(u), v)
 
-    def contact_limit(self, u: Array, v: Array) -> tuple[float, str]:
+    def contact_limit(self, u: Array, v: Array, t: Time) -> tuple[float, str]:
         if not self.system.contacts:
             return float("inf"), ""
         with self._watch("assemble"):
             x, y = (by_vertex(self.system.mesh, w) for w in (self._body_state(u), v))
-            return min((term.contact_limit(x, y), term.name) for term in self.system.contacts)
+            return min((term.contact_limit(x, y), term.name) for term in self.system.contacts_at(t))
 
-    def way_is_free(self, u: Array, found: Array) -> bool:
+    def way_is_free(self, u: Array, found: Array, t: Time) -> bool:
         """Return as in `Problem`; states with inverted elements must pass through zero volume."""
-        if self.contact_limit(u, found - u)[0] <= 1:
+        if self.contact_limit(u, found - u, t)[0] <= 1:
             return False
         return self.step_limit(u, found - u) > 1 or len(self.inside_out(u)) > 0
 

@@ -61,7 +61,7 @@ class FreeTangent:
         self._transposition: NDArray[np.int64] | None = None
         self._K: csr_matrix | None = None
         self._assembled_at: Array | None = None
-        self._free_arguments: tuple[Time | None, Tensions] | None = None  # arguments of a K without the columns of constrained dofs
+        self._free_arguments: tuple[Time, Tensions, bool] | None = None  # arguments of a K without the columns of constrained dofs
         self._Kff: csr_matrix | None = None
         self._version, self._analysis = self.system.pattern_version, solver.analyse(self.unknowns())
 
@@ -93,7 +93,7 @@ class FreeTangent:
         """
         self.position = u
         if self.solver.matrix_free:
-            operator = self.operator(u, kept)
+            operator = self.operator(u, t, kept)
             diagonal = np.einsum("vcc->vc", operator.diagonal_blocks()).ravel()[self.free.free] if shifted else None
             return FreeOperator(operator, self.free, None if diagonal is None else self.shift(diagonal))
         K = self.free_matrix(u, t, kept)
@@ -101,18 +101,18 @@ class FreeTangent:
             self.add_shift(K)
         return K
 
-    def matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
+    def matrix(self, u: Array, t: Time, kept: Tensions = ALL, follows: bool = True) -> csr_matrix:
         """Return the Jacobian at `u` (ndofs,) of all degrees of freedom, in the memory of the previous one.
 
-        If `t` is None, return the elastic K. If a term has changed the nodes it couples, K has another structure, which is analysed
+        Without `follows`, return the elastic K, which has no stiffness of follower loads. If a term has changed the nodes it couples, K has another structure, which is analysed
         again.
         """
-        self._follow_pattern(u)
+        self._follow_pattern(u, t)
         self._free_arguments = None
-        if t is None:
-            self._K = self.system.tangent(u, out=self._K)
-        else:
+        if follows:
             self._K = self.system.jacobian(u, t, out=self._K, kept=kept)
+        else:
+            self._K = self.system.tangent(u, out=self._K, t=t)
         return self._K
 
     @cached_property
@@ -123,32 +123,32 @@ class FreeTangent:
         """
         return not self.space.comm.any(self.system.supports.prescribed.size > 0)
 
-    def free_matrix(self, u: Array, t: Time | None, kept: Tensions = ALL) -> csr_matrix:
+    def free_matrix(self, u: Array, t: Time, kept: Tensions = ALL, follows: bool = True) -> csr_matrix:
         """Return K as in `matrix`, over the free degrees of freedom; all of K is assembled only where it is needed."""
         if not self.needs_only_free:
-            return self.restricted(self.matrix(u, t, kept))
-        self._follow_pattern(u)
+            return self.restricted(self.matrix(u, t, kept, follows))
+        self._follow_pattern(u, t)
         if self._assembled_at is None:
             self._assembled_at = np.empty(self.system.ndofs)
         self._assembled_at[:] = u
-        self._free_arguments = t, kept
-        if t is None:
-            self._Kff = self.system.tangent(u, out=self._Kff, free=self.free)
-        else:
+        self._free_arguments = t, kept, follows
+        if follows:
             self._Kff = self.system.jacobian(u, t, out=self._Kff, kept=kept, free=self.free)
+        else:
+            self._Kff = self.system.tangent(u, out=self._Kff, free=self.free, t=t)
         return self._Kff
 
-    def operator(self, u: Array, kept: Tensions = ALL) -> TangentOperator:
+    def operator(self, u: Array, t: Time, kept: Tensions = ALL) -> TangentOperator:
         """Return the tangent at `u` (ndofs,) as an operator on all degrees of freedom, in the memory of the previous one."""
         if self._operator is None:
-            self._operator = self.system.linear_operator(u, kept=kept)
+            self._operator = self.system.linear_operator(u, kept=kept, t=t)
         else:
-            self._operator.prepare(u, kept=kept)
+            self._operator.prepare(u, kept=kept, t=t)
         return self._operator
 
-    def _follow_pattern(self, u: Array) -> None:
+    def _follow_pattern(self, u: Array, t: Time) -> None:
         """Analyse the structure of K at `u` (ndofs,) if it is another one than before."""
-        self.system.look(u)
+        self.system.look(u, t)
         if self.system.pattern_version != self._version:
             self.use_solver(self.solver)
 
@@ -215,9 +215,9 @@ class FreeTangent:
         """Return the norm of the loads plus the norm of the reactions, which are in `residual` (ndofs,) [N]."""
         return self.system.space.norm(loads) + self.constrained.norm(self.constrained.restrict(residual))
 
-    def round_off(self, u: Array) -> Array:
+    def round_off(self, u: Array, t: Time) -> Array:
         """Return the sums (ndofs,) of `System.round_off` [N], with 0 where they are too large to be meaningful."""
-        return below(self._largest_error, self.system.round_off(u))
+        return below(self._largest_error, self.system.round_off(u, t))
 
     @cached_property
     def _largest_error(self) -> Array:

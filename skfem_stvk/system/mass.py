@@ -172,8 +172,7 @@ class Mass(ABC):
         bare, mesh = (self.vertex <= 0) & self.free.any(axis=1), self._body.mesh
         if mesh.space.comm.any(bool(bare.any())):
             reason = "no element there has a density. Give StVK(..., density=...)"
-            if any(getattr(term, "laws", None) == () for term in self._body.terms):
-                reason = "an EdgeNetwork(edges, L) has no elements. Make it by EdgeNetwork.of(mesh, StVK(..., density=...))"
+            reason = next((term.without_mass for term in self._body.terms if term.without_mass), reason)
             raise MaterialError(
                 f"{mesh.name_nodes(bare)} of {mesh.space.count // mesh.d}: can move, but have no mass, because {reason}, fix all "
                 "their components, or leave them out of the mesh."

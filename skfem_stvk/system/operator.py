@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import zip_longest
+from collections.abc import Callable, Sequence
 from math import isfinite
 from typing import Any
 
@@ -21,6 +20,7 @@ from ..linear import EdgeBlocks
 from ..linear.solver import NO_BLOCKS, NO_ROWS
 from ..mesh import ElementMesh
 from ..mesh.displacements import all_finite, by_vertex
+from ..terms.loads.load import Time
 from .pattern import FreeDofs
 
 
@@ -36,18 +36,27 @@ class TangentOperator(LinearOperator):
         Internal shape of vectors, (nv, d).
     """
 
-    def __init__(self, mesh: ElementMesh, terms: Sequence[PairTerm], u: ArrayLike, dtype: DTypeLike, kept: Tensions = ALL) -> None:
-        self._mesh, self._terms, self.space = mesh, terms, mesh.space
-        self._blocks: list[Any] = [None] * len(terms)
-        self._pairs: list[Any] = [None] * len(terms)  # those of the blocks: a term may couple other pairs later
+    def __init__(
+        self,
+        mesh: ElementMesh,
+        terms_at: Callable[[Time], Sequence[PairTerm]],
+        u: ArrayLike,
+        dtype: DTypeLike,
+        kept: Tensions = ALL,
+        t: Time = 0.0,
+    ) -> None:
+        self._mesh, self._terms_at, self.space = mesh, terms_at, mesh.space
+        count = len(terms_at(t))
+        self._blocks: list[Any] = [None] * count
+        self._pairs: list[Any] = [None] * count  # those of the blocks: a term may couple other pairs later
         self._at: Tensions | None = None
         self._u = np.empty((mesh.p.shape[1], mesh.d))
         self.nodal_shape = self._u.shape
-        self.prepare(u, kept=kept)
+        self.prepare(u, kept=kept, t=t)
         super().__init__(dtype, (self._u.size, self._u.size))
 
-    def prepare(self, u: ArrayLike, *, kept: Tensions = ALL, force: Array | None = None) -> float:
-        """Recompute the blocks at other displacements `u` (ndofs,) [m], and return the strain energy `W(u)` [J].
+    def prepare(self, u: ArrayLike, *, kept: Tensions = ALL, force: Array | None = None, t: Time = 0.0) -> float:
+        """Recompute the blocks at other displacements `u` (ndofs,) [m] and `t`, and return the strain energy `W(u)` [J].
 
         `kept` are the tensions of edges that enter K. The internal force `F(u)` [N] is added to `force` (nv, d), if given, in the
         same pass.
@@ -57,17 +66,17 @@ class TangentOperator(LinearOperator):
         StateError
             if `u` does not have one finite entry for each degree of freedom, or is so large that K overflows.
         """
-        energy = self.space.comm.sum_of(self._compute_blocks, u, kept, force)
+        energy = self.space.comm.sum_of(self._compute_blocks, u, t, kept, force)
         self._at, self._ready = kept, True
         if force is not None:
             self.space.share(force)
         return energy
 
-    def _compute_blocks(self, u: ArrayLike, kept: Tensions, force: Array | None) -> float:
+    def _compute_blocks(self, u: ArrayLike, t: Time, kept: Tensions, force: Array | None) -> float:
         """Compute the blocks of one part of a divided body, and return its energy; `prepare` has the arguments."""
         x, energy = by_vertex(self._mesh, u), 0.0
         self._ready = False  # until all blocks are computed
-        for i, term in enumerate(self._terms):
+        for i, term in enumerate(self._terms_at(t)):
             factor, own = kept.of(term)
             part, self._blocks[i] = term.blocks(x, force, self._blocks[i], own)
             if factor != 1:
@@ -94,7 +103,7 @@ class TangentOperator(LinearOperator):
         """
         for operator in (self, *(other for _, other in others)):
             operator._refuse_unprepared()
-            if any(a is not b for a, b in zip_longest(self._terms, operator._terms)):
+            if operator._terms_at != self._terms_at:
                 raise StvkError("Got an operator of other terms; expected those of linear_operator() of one and the same system.")
         self._at = None  # a sum is not the tangent at any state
         for i, blocks in enumerate(self._blocks):
@@ -161,7 +170,7 @@ class TangentOperator(LinearOperator):
 
     def _blocks_of_vertices(self, vertices: Array) -> tuple[Array, Array] | None:
         """Return the rows and the blocks (9 m,) of the terms after the first one; None if they couple different vertices."""
-        if len(self._terms) == 1:
+        if len(self._pairs) == 1:
             return NO_ROWS, NO_BLOCKS
         d, rows, every = self._mesh.d, [NO_ROWS], [NO_BLOCKS]
         row_of = np.full(len(self._u), -1)
@@ -196,6 +205,11 @@ class TangentOperator(LinearOperator):
     def _refuse_unprepared(self) -> None:
         if not self._ready:
             raise StateError("The operator is not prepared: its last prepare(u) did not end well. Prepare it at another u.")
+
+
+def at_all_times(terms: Sequence[PairTerm]) -> Callable[[Time], Sequence[PairTerm]]:
+    """Return the function for a `TangentOperator` of terms that do not change with time."""
+    return lambda t: terms
 
 
 class FreeOperator(LinearOperator):

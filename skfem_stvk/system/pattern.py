@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
 from ..arguments import Array, check_index_range, plain_array, shown, whole_array
+from ..edges.pairs import BlockPattern
 from ..errors import StvkError, name_ids
 from ..kernels import node_blocks as block_kernels
 from ..kernels.simplex_topology import block_indices, expand, lexicographic_order, stars
@@ -66,7 +67,7 @@ class Structure:
         return self.__dict__ | {"_known": ()}
 
 
-class Pattern(Structure):
+class Pattern(Structure, BlockPattern):
     """Full block pattern of a matrix with a `d x d` block for each vertex and each pair of vertices on an edge.
 
     Zeros are stored, so the pattern does not depend on the state, and a symbolic factorisation can be reused.
@@ -217,7 +218,7 @@ class FreeDofs:
     @property
     def structure(self) -> Structure:
         """Structure of K over the free degrees of freedom."""
-        return self._restriction()[0]
+        return self.restriction()[0]
 
     @property
     def pattern(self) -> Pattern:
@@ -227,9 +228,9 @@ class FreeDofs:
     @property
     def value_indices(self) -> NDArray[np.int32]:
         """Indices in the values of K of the values of K over the free degrees of freedom, ascending."""
-        return self._restriction()[1]
+        return self.restriction()[1]
 
-    def _restriction(self) -> tuple[Structure, NDArray[np.int32]]:
+    def restriction(self) -> tuple[Structure, NDArray[np.int32]]:
         """Return the structure of K over the free degrees of freedom, and the indices of its values in those of K.
 
         Both are cached for each pattern.
@@ -262,7 +263,7 @@ class FreeDofs:
             if `K` or `out` has another pattern.
         """
         self._system.pattern.refuse_other(K)
-        structure, places = self._restriction()
+        structure, places = self.restriction()
         if out is None:
             out = structure.matrix(np.empty(structure.nnz, dtype=K.dtype))
         elif not structure.fits(out, K.dtype):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import Array
+from ..edges.bound_term import joined
 from ..errors import name_ids
 from ..mesh.facets import linked
 from ..space import Space
@@ -111,6 +112,11 @@ def parts_of(edges: Sequence[NDArray[np.int32]], nv: int, space: Space | None = 
     part, space = linked(a, b, nv), space or Space(nv)
     numbers = node_numbers(space, nv)
     return space.comm.united(part, numbers, space.shared, numbers[space.shared][None])
+
+
+def parts_of_body(system: Any) -> NDArray[np.int32]:
+    """Return the part number (nv,) of each node of a system: parts are connected by terms."""
+    return parts_of([joined(term) for term in system.bound_terms], system.mesh.nv, system.space)
 
 
 def node_numbers(space: Space, nv: int) -> NDArray[np.int64]:
@@ -263,7 +269,7 @@ class Pieces(NamedTuple):
     @classmethod
     def of(cls, system: Any) -> Pieces:
         """Return the present parts of a system."""
-        mesh, part = system.mesh, system.parts()
+        mesh, part = system.mesh, parts_of_body(system)
         bare, supported = np.zeros(mesh.nv, dtype=bool), np.zeros(int(part.max()) + 1, dtype=bool)
         bare[system.bare] = True
         supported[part[np.union1d(system.supports.held, system.grounded) // mesh.d]] = True

@@ -17,7 +17,7 @@ from ..mesh import ElementMesh
 from ..space import ONE_PROCESS, Communicator, Space
 from ..terms.loads.load import Moment, Time
 from .rigid import mean_of_nodes
-from .system import System
+from .system import System, for_analysis
 
 #: Relative tolerance within which the numbers of equal systems agree.
 SAME = 1e-9
@@ -107,7 +107,7 @@ class Fingerprint:
     def _compute_numbers(self, moments: Sequence[float]) -> dict[str, list[float]]:
         """Return numbers that depend on mesh, terms and supports, and on loads and prescribed displacements at these moments."""
         system, mesh, space = (
-            self.system.for_analysis(self._kind == "motion"),
+            for_analysis(self.system, self._kind == "motion"),
             self.system.mesh,
             self.system.space,
         )  # without the present history
@@ -137,7 +137,7 @@ class Fingerprint:
             numbers[f"the loads at t = {t:g}{unit}"] = sums_of(system.external_force(u, moment), space)
             if system.contacts:
                 numbers[f"the contacts at t = {t:g}{unit}"] = sums(
-                    np.array([x for contact in system.contacts for x in contact.identity()])
+                    np.array([x for contact in system.contacts_at(moment) for x in contact.identity()])
                 )
             prescribed = space.comm.gather(space.numbers[system.supports.held][own], system.supports.values(moment)[own])[1]
             numbers[f"prescribed displacements at t = {t:g}{unit}"] = sums(prescribed)

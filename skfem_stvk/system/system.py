@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
-from functools import cached_property
 from math import nan
 from typing import Any, TypeVar
 
@@ -15,7 +14,7 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array, choice, frozen, number, real_array, shown
 from ..edges import ALL, Rows, Tensions
-from ..edges.bound_term import joined
+from ..edges.bound_term import BoundTerm
 from ..edges.elements import checked_quadrature, nbytes
 from ..edges.pairs import AccumulatedBlocks, PairTerm
 from ..errors import LoadError, MeshError, StvkError, warn
@@ -27,26 +26,21 @@ from ..mesh.locations import DofsView
 from ..terminal import html_table
 from ..terms import (
     BoundLoad,
-    HasContact,
-    HasStress,
-    HoldsShape,
     Load,
     MeshContact,
     Term,
     is_load,
 )
 from ..terms.connectivity import connected
-from ..terms.loads.load import Moment, Time
-from ..terms.loads.rigid_contact import BoundRigidContact, Displacement
-from ..terms.protocols import set_time
+from ..terms.loads.load import Time
 from ..units import UNITS, implausible_moduli
 from .bound import BoundTerms, checked_terms, elements_to_remove
 from .divided import refuse_divided
 from .mass import KINDS, Mass
-from .mechanisms import check_held, grounded_dofs
+from .mechanisms import check_held
 from .operator import TangentOperator, refuse_overflow
 from .pattern import BareDiagonal, FreeDofs, Pattern, Structure
-from .rigid import Pieces, parts_of
+from .rigid import Pieces
 from .supports import Displacements, Supports, dofs_at
 
 SystemType = TypeVar("SystemType", bound="System")
@@ -65,8 +59,8 @@ class System(BoundTerms):
     `ElementHex1()` and similar elements.
 
     `energy`, `internal_force`, `tangent` and `product` are elastic. `potential`, `residual` and `jacobian` include the loads at the
-    load factor `t`. Supports change none of them: they determine which degrees of freedom a solver keeps. Calls without `t` leave
-    moving shapes of contacts where the last call with `t` put them.
+    load factor `t`. Supports change none of them: they determine which degrees of freedom a solver keeps. Shapes that move, and
+    frames that rotate, are those at the argument `t`, which is 0 by default in elastic calls and 1 in calls with loads.
 
     Parameters
     ----------
@@ -124,6 +118,8 @@ class System(BoundTerms):
         Whether the strain energy along any line is exactly a quartic; that of `VolumePenalty` is not.
     resists_inversion
         Whether a term resists the inversion of elements, as `VolumePenalty` does.
+    grounded
+        Degrees of freedom that foundations tie to the ground, ascending.
     removed, bare
         Ids of the removed elements, see `without`, and of nodes that have lost all their elements, ascending.
     made_from, made_of
@@ -141,7 +137,7 @@ class System(BoundTerms):
     Arguments that methods share:
 
     - `u`: (ndofs,) displacements [m].
-    - `t`: load factor in statics, time [s] in motions; or a `Moment`.
+    - `t`: load factor in statics, time [s] in motions; or a `Moment`, which has the history of a step as well.
     - `out`: matrix that the method returned before, which is overwritten; by default K is a new matrix.
     - `free`: result of `free_dofs`. K then has only the rows and columns of the free degrees of freedom. If only elements
       contribute, this part is assembled directly.
@@ -259,46 +255,22 @@ class System(BoundTerms):
     def _remove_elements(self, elements: NDArray[np.int64]) -> None:
         whole = self._bare or BareDiagonal.of(self.linear_operator(np.zeros(self.ndofs)).diagonal_blocks())
         super()._remove_elements(elements)
-        self.__dict__.pop("grounded", None)
         self._bare = BareDiagonal(whole.stiffness, self.bare)
         self._masses = {kind: mass.of(self, self.body) for kind, mass in self._masses.items()}
 
-    def for_analysis(self: SystemType, in_time: bool) -> SystemType:
-        """Return the body with terms of its own where their state belongs to one analysis: history, contacts; otherwise itself.
+    def with_terms(self: SystemType, terms: Sequence[BoundTerm]) -> SystemType:
+        """Return the body with other bound terms, which couple the same pairs of nodes; or itself, if they are its own.
 
         Parameters
         ----------
-        in_time
-            Whether the analysis is a motion in time; otherwise it is a path of equilibria.
+        terms
+            Bound terms in the order of `bound_terms`.
         """
-        if not self._with_history and not self.contacts:
+        if all(one is term for one, term in zip(terms, self.bound_terms, strict=True)):
             return self
-
-        def begun(term: Any) -> Any:
-            if term.has_history:
-                return term.with_new_history(in_time)
-            return copy(term) if isinstance(term, HasContact) else term
-
-        other = copy(self)
-        with self.units.of_errors():
-            other._replace_bound(*([begun(term) for term in terms] for terms in (self.bound_terms, self.bound_loads)))
-        other._masses = {kind: mass.of(other, other.body) for kind, mass in self._masses.items()}
-        return other
-
-    def with_moved_shapes(self: SystemType, motions: Mapping[str, Displacement]) -> SystemType:
-        """Return the body for one motion in time, in which the shapes of these contacts have displacements given by name.
-
-        Parameters
-        ----------
-        motions
-            Displacements by the name of a `RigidContact`.
-        """
-        terms = [
-            term.moved_by(motions[term.name]) if isinstance(term, BoundRigidContact) and term.name in motions else term
-            for term in self.bound_terms
-        ]
         other = copy(self)
         other._replace_bound(terms, self.bound_loads)
+        other._masses = {kind: mass.of(other, other.body) for kind, mass in self._masses.items()}
         return other
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:
@@ -326,40 +298,37 @@ class System(BoundTerms):
         """Number of changes of the node couplings by terms; data computed for a pattern are valid for one version."""
         return sum(term.pattern_version for term in self._with_changing_pairs)
 
-    def look(self, u: ArrayLike) -> None:
+    def look(self, u: ArrayLike, t: Time = 0.0) -> None:
         """Let terms whose pairs follow the body, such as contacts, couple those of the tangent at displacements `u`.
 
         `tangent`, `linearize` and `jacobian` call it. Data that depend on `pattern_version` may have to be made again.
         """
         if self._with_changing_pairs:
-            self._look(self._state(u))
-
-    def _look(self, x: Array) -> None:
-        """Let the terms whose pairs follow the body couple those that their stiffness at `x` (nv, d) contains."""
-        for term in self._with_changing_pairs:
-            term.look(x)
+            x = self._state(u)
+            for term in self.terms_at(t):
+                term.look(x)
 
     @property
-    @locked
     def pattern(self) -> Pattern:
         """Pattern of every K of this system, unless a term changes the nodes it couples; created on first use."""
-        version = self.pattern_version
-        if self._pattern is None or self._pattern.version != version:
-            pairs = [term.nodes_paired for term in self.bound_terms]
-            pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
-            self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
-        return self._pattern
+        with self._lock:
+            version = self.pattern_version
+            if self._pattern is None or self._pattern.version != version:
+                pairs = [term.nodes_paired for term in self.bound_terms]
+                pairs += [load.term.nodes_paired for load in self._follower_loads if load.term.nodes_paired.size]
+                self._pattern = Pattern(self.mesh.nv, self.mesh.d, pairs, version)
+            return self._pattern
 
-    @locked
     def _rows(self) -> tuple[list[Any], list[Rows]]:
         """Return the indices of the blocks of terms and loads in the values of K, cached for each version of the pattern."""
-        pattern = self.pattern
-        if self._row_cache is None or self._row_cache[0] != pattern.version:
-            terms = [term.rows(pattern) for term in self.pair_terms]
-            self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
-        return self._row_cache[1:]
+        with self._lock:
+            pattern = self.pattern
+            if self._row_cache is None or self._row_cache[0] != pattern.version:
+                terms = [term.rows(pattern) for term in self.pair_terms]
+                self._row_cache = pattern.version, terms, [load.pairs.rows(pattern) for load in self._follower_loads]
+            return self._row_cache[1:]
 
-    def energy(self, u: ArrayLike) -> float:
+    def energy(self, u: ArrayLike, t: Time = 0.0) -> float:
         """Return the strain energy `W(u)` [J].
 
         Raises
@@ -368,14 +337,14 @@ class System(BoundTerms):
             if a term has no energy, such as `Corotated(rotation="vertex")`.
         """
         self._refuse_without_energy()
-        return sum(self.elastic_energies(u))
+        return sum(self.elastic_energies(u, t))
 
-    def internal_force(self, u: ArrayLike) -> Array:
+    def internal_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
         """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`."""
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype)
-        return self._energy_and_force(u, force, check_energy=False)[1].ravel()
+        return self._energy_and_force(u, t, force, check_energy=False)[1].ravel()
 
-    def energy_and_force(self, u: ArrayLike, out: Array | None = None) -> tuple[float, Array]:
+    def energy_and_force(self, u: ArrayLike, out: Array | None = None, t: Time = 0.0) -> tuple[float, Array]:
         """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
 
         Parameters
@@ -390,36 +359,39 @@ class System(BoundTerms):
         """
         self._refuse_without_energy()
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype) if out is None else array_to_fill(self.mesh, out)
-        energy, force = self._energy_and_force(u, force)
+        energy, force = self._energy_and_force(u, t, force)
         return energy, force.reshape(-1) if out is None else out
 
-    @locked
-    def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None) -> csr_matrix:
+    def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None, t: Time = 0.0) -> csr_matrix:
         """Return the tangent stiffness `K = d2W/du2` (ndofs, ndofs) [N/m].
 
         The pattern is always the same, unless a `MeshContact` couples other nodes, and zeros are stored.
         """
         x = self._state(u)
-        self._look(x)
-        if free is not None:
-            return self._free_part(x, free, out, ALL, lambda whole: self.tangent(u, whole))
-        K, rows_of_terms = self._matrix(out, self.pattern), self._rows()[0]
-        self.space.comm.together(self._fill, x, K.data, rows_of_terms, None)
+        with self._lock:
+            self.look(u, t)
+            K, rows_of_terms = self._to_fill(out, ALL, free)
+            if rows_of_terms is None:
+                assert free is not None
+                self._whole = self.tangent(u, self._last_whole(), t=t)
+                return free.matrix(self._whole, K)
+            with self.space.comm.together():
+                self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, free=free)
         return K
 
     @locked
-    def linearize(self, u: ArrayLike, out: csr_matrix | None = None) -> tuple[float, Array, csr_matrix]:
+    def linearize(self, u: ArrayLike, out: csr_matrix | None = None, *, t: Time = 0.0) -> tuple[float, Array, csr_matrix]:
         """Return `W(u)` [J], `F(u)` (ndofs,) [N] and `K(u)` (ndofs, ndofs) [N/m] from one pass over the elements.
 
         The cost is little more than that of K.
         """
         self._refuse_without_energy()
         x = self._state(u)
-        self._look(x)
+        self.look(u, t)
         K, rows_of_terms, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
 
         def of_part() -> float:
-            energy = self._fill(x, K.data, rows_of_terms, force)
+            energy = self._fill(self.pairs_at(t), x, K.data, rows_of_terms, force)
             refuse_overflow(energy, "W", x)
             refuse_overflow(force, "F", x)
             return energy
@@ -427,7 +399,7 @@ class System(BoundTerms):
         return self.space.comm.sum_of(of_part), self.space.share(force).ravel(), K
 
     @locked
-    def product(self, u: ArrayLike, v: ArrayLike) -> Array:
+    def product(self, u: ArrayLike, v: ArrayLike, t: Time = 0.0) -> Array:
         """Return `K(u) v` (ndofs,) [N], without forming K.
 
         The first product at a `u` prepares data that further products at this `u` reuse. These take less time than one with an
@@ -440,14 +412,15 @@ class System(BoundTerms):
         """
         x, y = self._state(u), self._state(v, "v").ravel()
         if self._operator is None:
-            self._operator = self.linear_operator(u)
-        elif self.space.comm.any(not self._operator.is_at(x)) or any(term.takes_time for term in self.bound_terms):
-            self._operator.prepare(u)
+            self._operator = self.linear_operator(u, t=t)
+        elif self.space.comm.any(not self._operator.is_at(x)) or self._changing:
+            self._operator.prepare(u, t=t)
         product = self._operator.matvec(y)
-        self.space.comm.together(refuse_overflow, product, "K v", x)
+        with self.space.comm.together():
+            refuse_overflow(product, "K v", x)
         return product
 
-    def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL) -> TangentOperator:
+    def linear_operator(self, u: ArrayLike, *, kept: Tensions = ALL, t: Time = 0.0) -> TangentOperator:
         """Return the operator `v -> K(u) v` for `scipy.sparse.linalg`, with its own data.
 
         Examples
@@ -460,14 +433,12 @@ class System(BoundTerms):
         >>> bool(abs(K @ v - body.tangent(u) @ v).max() < 1e-9), bool(abs(K @ v - body.product(u, v)).max() == 0)
         (True, True)
         """
-        return TangentOperator(self.mesh, self.pair_terms, u, self.dtype, _checked_tensions(kept))
+        return TangentOperator(self.mesh, self.pairs_at, u, self.dtype, _checked_tensions(kept), t)
 
     @locked
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
-        Methods with the argument `t` set terms that depend on it, such as user-supplied frames and moving shapes, to their values
-        at `t`.
 
         Raises
         ------
@@ -476,12 +447,10 @@ class System(BoundTerms):
         """
         x, force, moment = self._state(u), np.zeros(self.mesh.p.T.shape), self._moment(t)
 
-        def of_part() -> None:
+        with self.space.comm.together():
             for load in self.bound_loads:
                 load.add_force(x, moment, force)
             refuse_overflow(force, "The external force", x)
-
-        self.space.comm.together(of_part)
         return self.space.share(force).ravel()
 
     def potential(self, u: ArrayLike, t: Time = 1.0) -> float:
@@ -492,7 +461,7 @@ class System(BoundTerms):
         LoadError
             as `external_force`, and if a load has no potential, such as follower pressure.
         """
-        moment, energy = self._moment(t), self.energy(u)
+        moment, energy = self._moment(t), self.energy(u, t)
         loads = zip(self.loads, self.bound_loads, strict=True)
         without = [type(load).__name__ for load, bound in loads if not bound.has_potential]
         if without:
@@ -510,21 +479,25 @@ class System(BoundTerms):
             as `external_force`.
         """
         loads = self.external_force(u, t)
-        return self.internal_force(u) - loads
+        return self.internal_force(u, t) - loads
 
-    @locked
     def jacobian(
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
         """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]."""
-        moment, factors, x = self._moment(t), _checked_tensions(kept), self._state(u)
-        self._look(x)
-        if free is not None:
-            return self._free_part(x, free, out, factors, lambda whole: self.jacobian(u, t, whole, kept=kept))
-        K, (rows_of_terms, of_loads) = self._matrix(out, self.pattern), self._rows()
-        self.space.comm.together(self._fill, x, K.data, rows_of_terms, None, factors)
-        for load, rows in zip(self._follower_loads, of_loads, strict=True):
-            load.add_stiffness(x, moment, rows, K.data)
+        factors, x = _checked_tensions(kept), self._state(u)
+        with self._lock:
+            moment = self._moment(t)
+            self.look(u, t)
+            K, rows_of_terms = self._to_fill(out, factors, free)
+            if rows_of_terms is None:
+                assert free is not None
+                self._whole = self.jacobian(u, t, self._last_whole(), kept=kept)
+                return free.matrix(self._whole, K)
+            with self.space.comm.together():
+                self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, factors, free=free)
+            for load, rows in zip(self._follower_loads, self._rows()[1], strict=True):
+                load.add_stiffness(x, moment, rows, K.data)
         return K
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
@@ -548,23 +521,20 @@ class System(BoundTerms):
         Terms are named by type and number. An elastic term without an energy has NaN.
         """
         x, moment = self._state(u), self._moment(t)
-        elastic = iter(self.elastic_energies(u))
+        elastic = iter(self.elastic_energies(u, t))
         loads = iter(
             [self.space.comm.total(load.potential(x, moment)) if load.has_potential else None for load in self.bound_loads]
         )
         values = {name: next(loads if is_load(term) else elastic) for name, term in self._named}
         return {name: value for name, value in values.items() if value is not None}
 
-    def elastic_energies(self, u: ArrayLike) -> list[float]:
+    def elastic_energies(self, u: ArrayLike, t: Time = 0.0) -> list[float]:
         """Return the strain energy of each of `elastic_terms` [J]; NaN for a term without an energy."""
-
-        def of_part() -> Array:
+        with self.space.comm.together():
             x = by_vertex(self.mesh, u)
-            energies = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.bound_terms]
-            refuse_overflow(sum(energies), "W", x)
-            return np.array(energies, dtype=np.float64)
-
-        energies = self.space.comm.total(self.space.comm.together(of_part)).tolist()
+            of_part = [term.energy_and_force(x) if term.has_energy else 0.0 for term in self.terms_at(t)]
+            refuse_overflow(sum(of_part), "W", x)
+        energies = self.space.comm.total(np.array(of_part, dtype=np.float64)).tolist()
         return [energy if term.has_energy else nan for term, energy in zip(self.bound_terms, energies, strict=True)]
 
     @locked
@@ -588,25 +558,21 @@ class System(BoundTerms):
                 self._masses[kind] = KINDS[kind](self, self.body, self.supports.held)
         return self._masses[kind]
 
-    @cached_property
-    def grounded(self) -> NDArray[np.int64]:
-        """Degrees of freedom that foundations tie to the ground, ascending."""
-        return self.space.union(grounded_dofs(self.bound_terms), self.ndofs)
-
     def foundation_force(self, u: ArrayLike) -> Array:
         """Return the force of the foundations on the body (ndofs,) [N], minus their part of the internal force."""
         return self._force_on_body(self.foundations, u, "The force of foundations")
 
-    def contact_force(self, u: ArrayLike) -> Array:
+    def contact_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
         """Return the force of the contacts on the body (ndofs,) [N], minus their part of the internal force."""
-        return self._force_on_body(self.contacts, u, "The force of contacts")
+        return self._force_on_body(self.contacts_at(t), u, "The force of contacts")
 
     def _force_on_body(self, terms: Sequence[Any], u: ArrayLike, name: str) -> Array:
         """Return minus the internal force (ndofs,) [N] of some terms."""
         x, force = self._state(u), np.zeros(self.mesh.p.T.shape)
         for term in terms:
             term.energy_and_force(x, force)
-        self.space.comm.together(refuse_overflow, force, name, x)
+        with self.space.comm.together():
+            refuse_overflow(force, name, x)
         return -self.space.share(force).ravel()
 
     def energy_along(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
@@ -630,15 +596,15 @@ class System(BoundTerms):
             hint = "Use energy_and_force(u + s v)."
             raise StvkError(f"The strain energy along a line is not a quartic with a VolumePenalty among the terms. {hint}")
 
-        def of_part() -> Array:
+        coefficients = np.zeros(5)
+        with self.space.comm.together():
             x, y = by_vertex(self.mesh, u), by_vertex(self.mesh, v, "v")
-            coefficients: Array = sum((term.along(x, y) for term in self.bound_terms), np.zeros(5))
+            for term in self.bound_terms:
+                coefficients = coefficients + term.along(x, y)
             refuse_overflow(coefficients, "W along a line", x)
-            return coefficients
+        return self.space.comm.total(coefficients)
 
-        return self.space.comm.total(self.space.comm.together(of_part))
-
-    def round_off(self, u: ArrayLike) -> Array:
+    def round_off(self, u: ArrayLike, t: Time = 0.0) -> Array:
         """Return the sums (ndofs,) of the absolute values of all contributions to `F(u)` [N].
 
         The sums times eps estimate the round-off of F. The round-off of the displacements is included, because no `u` can be more
@@ -646,14 +612,12 @@ class System(BoundTerms):
         """
         x, sums = self._state(u), np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
 
-        def of_part() -> None:
-            for term in self.bound_terms:
+        with self.space.comm.together():
+            for term in self.terms_at(t):
                 term.add_round_off(x, sums)
-
-        self.space.comm.together(of_part)
         return self.space.share(sums).ravel()
 
-    def check_held(self, u: ArrayLike | None = None) -> None:
+    def check_held(self, u: ArrayLike | None = None, t: Time = 0.0) -> None:
         """Check that supports, foundations and contacts leave the body no motion without strain.
 
         Parameters
@@ -669,21 +633,14 @@ class System(BoundTerms):
         """
         solid = np.zeros(self.mesh.nt, dtype=bool)
         for term in self.body.terms:
-            if isinstance(term, HasStress):
-                solid[self.mesh.elements(term.region)] = True
-            elif isinstance(term, HoldsShape):
-                solid[term.elements_held_in_shape(self.mesh)] = True
+            solid[term.elements_held_in_shape(self.mesh)] = True
         stay = (self.mesh.d * self.bare[:, None] + np.arange(self.mesh.d)).ravel()
         x, touching = self._state(np.zeros(self.ndofs) if u is None else u), None
         if self.contacts:
-            nodes, directions = zip(*(contact.held_directions(x) for contact in self.contacts), strict=True)
+            nodes, directions = zip(*(contact.held_directions(x) for contact in self.contacts_at(t)), strict=True)
             touching = np.concatenate(nodes), np.concatenate(directions)
         constrained = np.union1d(self.supports.held, stay)
         check_held(self.mesh, self.bound_terms, constrained, solid & ~self.body.removed, touching)
-
-    def parts(self) -> NDArray[np.int32]:
-        """Return the part number (nv,) of each node: parts are connected by terms."""
-        return parts_of([joined(term) for term in self.bound_terms], self.mesh.nv, self.space)
 
     def free_dofs(self, fixed: Any) -> FreeDofs:
         """Return the degrees of freedom that are not `fixed`; the object also restricts K to them without slicing.
@@ -729,12 +686,6 @@ class System(BoundTerms):
         parts["mass"] = sum(mass.memory() for mass in self._masses.values())
         return parts
 
-    def _moment(self, t: Time) -> Moment:
-        """Return the moment of load factor or time `t`; set all terms that change with time to `t`."""
-        moment = Moment.checked(t)
-        set_time(self.bound_terms, moment)
-        return moment
-
     def _refuse_without_energy(self) -> None:
         """Raise StvkError if some terms have no energy."""
         if self.without_energy:
@@ -743,15 +694,15 @@ class System(BoundTerms):
                 "Use internal_force(u) and tangent(u)."
             )
 
-    def _energy_and_force(self, u: ArrayLike, force: Array, check_energy: bool = True) -> tuple[float, Array]:
+    def _energy_and_force(self, u: ArrayLike, t: Time, force: Array, check_energy: bool = True) -> tuple[float, Array]:
         """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if `check_energy`."""
-        return self.space.comm.sum_of(self._energy_of_part, u, force, check_energy), self.space.share(force)
+        return self.space.comm.sum_of(self._energy_of_part, u, t, force, check_energy), self.space.share(force)
 
-    def _energy_of_part(self, u: ArrayLike, force: Array, check_energy: bool) -> float:
+    def _energy_of_part(self, u: ArrayLike, t: Time, force: Array, check_energy: bool) -> float:
         """Return W of one part of a divided body, and its F in `force`."""
         x = by_vertex(self.mesh, u)
         force[:] = 0
-        energy = float(sum(term.energy_and_force(x, force) for term in self.bound_terms))
+        energy = float(sum(term.energy_and_force(x, force) for term in self.terms_at(t)))
         if check_energy:
             refuse_overflow(energy, "W", x)
         refuse_overflow(force, "F", x)
@@ -769,6 +720,7 @@ class System(BoundTerms):
 
     def _fill(
         self,
+        terms: Sequence[PairTerm],
         x: Array,
         data: Array,
         rows_of_terms: Sequence[Any],
@@ -779,10 +731,14 @@ class System(BoundTerms):
     ) -> float:
         """Fill the values of K of one part of a divided body, or of K over the `free` degrees of freedom; return the energy.
 
-        `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
+        `terms` are those of `pairs_at`, and `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
         """
-        every = [(*kept.of(term), term, rows) for term, rows in zip(self.pair_terms, rows_of_terms, strict=True)]
-        every.sort(key=lambda one: one[0] == 1)  # terms with edge damping first, because their factor multiplies all values so far
+        damped: list[tuple[float, Tensions, Any, Any]] = []
+        others: list[tuple[float, Tensions, Any, Any]] = []
+        for term, rows in zip(terms, rows_of_terms, strict=True):
+            factor, own = kept.of(term)
+            (others if factor == 1 else damped).append((factor, own, term, rows))
+        every = damped + others  # terms with edge damping first, because their factor multiplies all values so far
         add = self.mesh.d**2 * every[0][3].size < self.pattern.nnz  # otherwise the first term writes to all of K
         if add:
             data[:] = 0
@@ -801,27 +757,29 @@ class System(BoundTerms):
             self._bare.write(self.pattern, data, free)
         return energy
 
-    def _free_part(
-        self, x: Array, free: FreeDofs, out: csr_matrix | None, kept: Tensions, make: Callable[[csr_matrix | None], csr_matrix]
-    ) -> csr_matrix:
-        """Return K over the free degrees of freedom.
+    def _to_fill(self, out: csr_matrix | None, kept: Tensions, free: FreeDofs | None) -> tuple[csr_matrix, list[Any] | None]:
+        """Return the matrix that is filled, and the indices of the blocks of terms in its values.
 
-        It is assembled directly if all contributions support this. Otherwise it is a part of the whole K, from `make`.
+        K over the `free` degrees of freedom is filled directly if all contributions support this. Otherwise the indices are None,
+        and it is a part of the whole K.
         """
+        if free is None:
+            return self._matrix(out, self.pattern), self._rows()[0]
         if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
             raise StvkError(
                 f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has another "
                 "pattern."
             )
-        K, indices = self._matrix(out, free.structure), free.value_indices
-        if not self._follower_loads and all(term.by_rows(kept) for term in self.pair_terms):
-            rows_of_terms = [rows.part(indices) for rows in self._rows()[0]]
-            self.space.comm.together(lambda: self._fill(x, K.data, rows_of_terms, None, kept, free=free))
-            return K
-        with self._lock:
-            whole = self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
-            self._whole = make(whole)
-            return free.matrix(self._whole, K)
+        structure, indices = free.restriction()
+        K = self._matrix(out, structure)
+        for term in self.pair_terms:
+            if not term.by_rows(kept):
+                return K, None
+        return K, None if self._follower_loads else [rows.part(indices) for rows in self._rows()[0]]
+
+    def _last_whole(self) -> csr_matrix | None:
+        """Return the whole K that was assembled last for a part of it, to be overwritten; None if there is none."""
+        return self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
 
     def implausible(self) -> list[str]:
         """Return, in a sentence each, the Young's moduli that are implausible in the units of the system.
@@ -836,7 +794,7 @@ class System(BoundTerms):
         >>> System(plate, StVK(young=2.1e5, poisson=0.3), units="mm-N-MPa").implausible()
         []
         """
-        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if hasattr(term, "material")]
+        laws = [term.material for body in (self.body, *self.body.beside) for term in body.terms if term.material is not None]
         size = float(np.ptp(self.mesh.bounds, axis=1).max())
         moduli = {f"material {number}: young": getattr(law, "young", None) for number, law in enumerate(laws)}
         return implausible_moduli(moduli, self.units, size)
@@ -857,6 +815,15 @@ class System(BoundTerms):
         elements = ", ".join(f"{mesh.element_count} {mesh.kind}" for mesh in meshes)
         rows = [("elements", elements), ("degrees of freedom", self.space.count), *terms, *supports]
         return html_table("System", rows)
+
+
+def for_analysis(system: SystemType, in_time: bool) -> SystemType:
+    """Return the body for one motion in time, or for one path of equilibria; the body itself if no term has an own state for it.
+
+    Contacts that couple other nodes as the body moves have pairs of nodes of their own.
+    """
+    with system.units.of_errors():
+        return system.with_terms([term.for_analysis(in_time) for term in system.bound_terms])
 
 
 def _with_degree(mesh: MeshLike, degree: int) -> ElementMesh:

@@ -4,7 +4,7 @@ from typing import Any
 
 from ..edges.bound_term import BoundElements, BoundTerm
 from .body import Body
-from .bound_load import BoundLoad
+from .bound_load import BoundLoad, Load, is_load
 from .laws.corotated import Corotated
 from .laws.edge_network import EdgeNetwork
 from .laws.invertible import InvertibleStVK
@@ -13,6 +13,7 @@ from .laws.neo_hookean import NeoHookean
 from .laws.spring_network import SpringNetwork
 from .laws.stvk import StVK
 from .laws.volume_penalty import VolumePenalty
+from .loads.bound_contact import BoundContact
 from .loads.dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .loads.foundation import ElasticFoundation
 from .loads.friction import Friction
@@ -22,19 +23,7 @@ from .loads.rigid_contact import RigidContact
 from .loads.rigid_mesh import RigidMesh
 from .loads.rigid_shapes import RigidBox, RigidCylinder, RigidPlane, RigidSphere
 from .loads.times import Ramp, Sine, Table
-from .protocols import (
-    Deformation,
-    DoesWork,
-    HasContact,
-    HasPressure,
-    HasResponse,
-    HasStress,
-    HoldsShape,
-    Load,
-    PointResponse,
-    Term,
-    is_load,
-)
+from .term import Deformation, PointResponse, Term
 
 #: Terms that scenes know, by their `type`.
 TERMS: dict[str, Any] = {
@@ -60,21 +49,16 @@ __all__ = [
     "TERMS",
     "Body",
     "BodyForce",
+    "BoundContact",
     "BoundElements",
     "BoundLoad",
     "BoundTerm",
     "Corotated",
     "Deformation",
-    "DoesWork",
     "EdgeNetwork",
     "ElasticFoundation",
     "Friction",
     "Gravity",
-    "HasContact",
-    "HasPressure",
-    "HasResponse",
-    "HasStress",
-    "HoldsShape",
     "InvertibleStVK",
     "LinearElastic",
     "Load",

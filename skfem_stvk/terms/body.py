@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,33 +18,7 @@ from ..mesh.element import Element, named
 from ..mesh.facets import facets_of, find_facets
 from ..mesh.points import sizes_of
 from .loads.spread import lumped_shares
-
-
-@runtime_checkable
-class HasMass(Protocol):
-    """A specification of elements with mass."""
-
-    @property
-    def region(self) -> Any:
-        """Name of a subdomain, element ids, or None for all elements."""
-
-    def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
-        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,)."""
-
-
-@runtime_checkable
-class HasSection(Protocol):
-    """A specification of elements with thickness or cross-section, and a stiffness."""
-
-    @property
-    def region(self) -> Any:
-        """Name of a subdomain, element ids, or None for all elements."""
-
-    def section(self, mesh: ElementMesh, n: int) -> Array:
-        """Return the factor from the size of an element to its volume, a number or (n,)."""
-
-    def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
-        """Return `lam + 2 mu` [Pa], a number or (n,)."""
+from .term import Term
 
 
 class Body:
@@ -61,11 +34,10 @@ class Body:
     """
 
     def __init__(
-        self, mesh: ElementMesh, terms: Sequence[Any], quadrature: Quadrature | None = None, beside: Sequence[Body] = ()
+        self, mesh: ElementMesh, terms: Sequence[Term], quadrature: Quadrature | None = None, beside: Sequence[Body] = ()
     ) -> None:
         self.mesh, self.terms, self.beside = mesh, tuple(terms), tuple(beside)
         self.quadrature = quadrature or Quadrature.of(mesh.element)
-        self._materials = [term for term in terms if isinstance(term, HasSection)]
         self.removed, self.bare = np.zeros(mesh.nt, dtype=bool), np.zeros(mesh.nv, dtype=bool)
 
     def without(self, removed: NDArray[np.bool_], bare: NDArray[np.bool_]) -> Body:
@@ -94,9 +66,12 @@ class Body:
             if terms on the same elements have different sections.
         """
         section = np.full(self.mesh.nt, np.nan)
-        for term in self._materials:
+        for term in self.terms:
             ids = self.mesh.elements(term.region)
-            own = np.broadcast_to(term.section(self.mesh, len(ids)), ids.shape)
+            of_term = term.section(self.mesh, len(ids))
+            if of_term is None:
+                continue
+            own = np.broadcast_to(of_term, ids.shape)
             bad = self.mesh.element_numbers[ids[~np.isnan(section[ids]) & (section[ids] != own)]]
             if len(bad):
                 raise LoadError(
@@ -111,7 +86,7 @@ class Body:
     def confined_modulus(self) -> Array:
         """Modulus `lam + 2 mu` (nt,) [Pa] of all terms on each element, the stiffness without lateral strain; 0 without a term."""
         modulus = np.zeros(self.mesh.nt)
-        for term in self._materials:
+        for term in self.terms:
             ids = self.mesh.elements(term.region)
             modulus[ids] += term.confined_modulus(self.mesh, len(ids))
         return modulus
@@ -121,10 +96,9 @@ class Body:
         """Young's modulus (nt,) [Pa] of the isotropic materials of all terms on each element; NaN without one."""
         young = np.full(self.mesh.nt, np.nan)
         for term in self.terms:
-            material = getattr(term, "material", None)
-            if isinstance(material, Isotropic):
+            if isinstance(term.material, Isotropic):
                 ids = self.mesh.elements(term.region)
-                young[ids] = np.nan_to_num(young[ids]) + np.broadcast_to(material.young, len(ids))
+                young[ids] = np.nan_to_num(young[ids]) + np.broadcast_to(term.material.young, len(ids))
         return young
 
     @property
@@ -141,7 +115,7 @@ class Body:
         MaterialError
             if a material has no density.
         """
-        heavy = [term for term in self.terms if isinstance(term, HasMass)]
+        heavy = [term for term in self.terms if term.has_mass]
         if not heavy:
             raise MaterialError("No term has a density. Give one to the material: StVK(..., density=...).")
         mass = np.zeros(self.mesh.nt)

@@ -14,7 +14,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.element import ELEMENTS, Element, named
 from ..mesh.locations import checked_facets, checked_lines
 from ..space import ONE_PROCESS, Communicator
-from .protocols import is_load
+from .bound_load import is_load
 
 
 class Connected(NamedTuple):
@@ -135,7 +135,7 @@ def simplices_of(
 
 def _has_own_elements(term: Any) -> bool:
     """Return whether a term acts within its own elements; the simplices of a load are only the location where it acts."""
-    return getattr(term, "simplices", None) is not None and not is_load(term)
+    return not is_load(term) and term.simplices is not None
 
 
 def _points(value: Any) -> NDArray[np.float64] | None:
@@ -151,7 +151,7 @@ def _refuse_without_simplices(terms: Sequence[Any], with_elements: Sequence[Any]
     without = [
         f"{type(term).__name__} {number}"
         for number, term in enumerate(terms)
-        if hasattr(term, "simplices") and hasattr(term, "material") and term.simplices is None
+        if not is_load(term) and term.is_law and term.simplices is None
     ]
     if without or not with_elements:
         names_of_terms = ", ".join(without) or "No term"

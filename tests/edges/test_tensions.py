@@ -168,7 +168,7 @@ def test_the_operator_without_negative_tensions_is_the_clamped_tangent(name):
     body, u, v = System(mesh, terms), compressed(mesh).ravel(), state(mesh, seed=9)
     x = u.reshape(-1, mesh.d)
     K = sum(dense(assembly, x, TENSILE) for assembly in body.bound_terms)
-    operator = TangentOperator(body.mesh, body.bound_terms, u, body.dtype, kept=TENSILE)
+    operator = TangentOperator(body.mesh, body.pairs_at, u, body.dtype, kept=TENSILE)
     assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max()
     operator.prepare(u)
     assert np.abs(operator @ v - body.tangent(u) @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - K @ v).max()

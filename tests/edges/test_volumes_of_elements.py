@@ -3,12 +3,9 @@
 import numpy as np
 import pytest
 from bodies import CURVED, STRAIGHT, box, sheet, state
-from kernels import readable
 from kernels.parts import in_parts
 
 from skfem_stvk import ElementMesh, StVK, System
-from skfem_stvk.edges import assembly as edges_assembly
-from skfem_stvk.edges import bound_laws
 from skfem_stvk.mesh.points import base_vectors_at, measures_of
 from skfem_stvk.mesh.rules import rule_of
 
@@ -125,22 +122,6 @@ def test_the_smallest_stretch_is_that_of_the_points(name):
     found = TERM.bind(mesh).smallest_stretches(u)
     assert found == pytest.approx(wanted, rel=1e-11)
     assert TERM.bind(mesh).smallest_stretch(u) == found.min()
-
-
-@pytest.mark.few(8)
-@pytest.mark.parametrize("name", EVERY)
-def test_compiled_and_readable_kernels_agree(name, monkeypatch):
-    mesh = EVERY[name]
-    u, v = (a * state(mesh, seed=s).reshape(-1, mesh.d) for a, s in ((0.2, 1), (0.5, 2)))
-
-    def found():
-        body = TERM.bind(mesh)
-        return [*body.volume_ratios(u), *body.smallest_stretches(u), body.step_limit(u, v)]
-
-    compiled = found()
-    monkeypatch.setattr(edges_assembly, "volume_kernels", readable)
-    monkeypatch.setattr(bound_laws, "stretch_kernels", readable)
-    assert found() == pytest.approx(compiled, rel=1e-9)
 
 
 def test_an_element_inverted_only_at_a_node_is_found():

@@ -8,9 +8,6 @@ import numpy as np
 
 from skfem_stvk.kernels.compiled import Reals
 
-#: The order of the components of strains.
-PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-
 
 def ordered(n: int, factors: int) -> list[tuple[int, ...]]:
     """Return the indices `a <= b <= ...` of products of `factors` of n variables, in the kernels' order.
@@ -18,17 +15,6 @@ def ordered(n: int, factors: int) -> list[tuple[int, ...]]:
     The order is by the last index, then by the last but one, and so on.
     """
     return sorted(combinations_with_replacement(range(n), factors), key=lambda indices: indices[::-1])
-
-
-def strain_rows(G: Reals, L: Reals, work: Reals, out: Reals) -> None:
-    """Write `L M` with `M_ij = q_i . q_j - Q_i . Q_j`."""
-    k, n = G.shape[1], G.shape[3]
-    M = np.einsum("eixa,ejxb->eijab", G, G)
-    M = M + np.swapaxes(M, 3, 4)
-    components = [(i, j) for i, j in PAIRS if j < k]
-    sums = np.array([[M[:, i, j, a, b] / (2 if a == b else 1) for a, b in ordered(n, 2)] for i, j in components])
-    sums[:, 0] = 0
-    out[:] = np.einsum("est,tpe->esp", L, sums).reshape(out.shape)
 
 
 def distinct_coefficients(C: Reals, T: Reals) -> None:

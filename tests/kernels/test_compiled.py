@@ -199,6 +199,7 @@ UNUSABLE = {
 }
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("home", UNUSABLE)
 def test_an_unusable_home_costs_one_message_and_kernels_work(home, tmp_path):
     (tmp_path / "file").write_text("")

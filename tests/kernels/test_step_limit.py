@@ -5,7 +5,7 @@ import pytest
 from bodies import MESHES, box, state
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from kernels.parts import in_parts, on_twins
+from kernels.parts import in_parts
 
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.kernels.volumes import _first_zero
@@ -52,15 +52,6 @@ def test_the_limit_is_the_first_root_of_all_cubics(name, parts, monkeypatch):
         for s, sign in ((1 - 1e-9, 1), (1 + 1e-9, -1)):
             x = mesh.p.T + (u + s * limit * v).reshape(-1, mesh.d)
             assert sign * (determinants(mesh, x) / determinants(mesh, mesh.p.T))[right].min() > 0
-
-
-@pytest.mark.parametrize("name", SOLID)
-def test_compiled_and_readable_kernels_agree(name, monkeypatch):
-    mesh = MESHES[name]
-    pairs = [(0.5 * state(mesh, seed=seed), state(mesh, seed=seed + 50)) for seed in range(10)]
-    compiled = [System(mesh, TERM).step_limit(u, v) for u, v in pairs]
-    on_twins(monkeypatch)
-    assert [System(mesh, TERM).step_limit(u, v) for u, v in pairs] == pytest.approx(compiled, rel=1e-10)
 
 
 @pytest.mark.parametrize("name", SOLID)

@@ -4,7 +4,6 @@ import hypothesis.strategies as st
 import numpy as np
 import pytest
 import skfem
-from bodies import MESHES
 from hypothesis import given, settings
 from kernels import readable
 
@@ -110,22 +109,11 @@ def test_edges_are_scikit_fems(mesh, edges, t2e):
     assert np.array_equal(found[0], getattr(mesh, edges)) and np.array_equal(found[1], getattr(mesh, t2e))
 
 
-@pytest.mark.parametrize("name", MESHES)
-def test_measures_and_frames_are_their_twins(name):
-    mesh = MESHES[name]
-    for kernel, twin in (
-        (geometry.measures(mesh.p, mesh.t), readable.measures(mesh.p, mesh.t)),
-        (geometry.frames(mesh.p, mesh.t), readable.frames(mesh.p, mesh.t)),
-    ):
-        assert np.abs(kernel - twin).max() < 1e-13 * np.abs(twin).max()
-
-
 @pytest.mark.parametrize("k", [1, 2, 3])
-def test_frames_of_base_vectors_are_their_twins_and_orthonormal(k):
+def test_frames_of_base_vectors_are_orthonormal(k):
     """The diagonal of `Ri` is positive for both orientations."""
     P = np.random.default_rng(0).standard_normal((50, k, 3))
-    kernel, twin = geometry.frames_of_base_vectors(P), readable.frames_of_base_vectors(P)
-    assert (np.abs(kernel - twin).max(axis=0) < 1e-13 * np.abs(twin).max(axis=0) ** 2).all()
+    kernel = geometry.frames_of_base_vectors(P)
     Ri = np.zeros((50, 3, 3))
     Ri[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]] = kernel[:6].T
     Q = np.einsum("nij,nix->njx", Ri[:, :k], P)[:, :k]

@@ -100,6 +100,13 @@ def test_the_aspect_ratio_is_the_longest_edge_over_the_smallest_height():
     assert aspect_ratios(corner)[0] == pytest.approx(np.sqrt(5) / height, rel=1e-12)
 
 
+def test_the_aspect_ratio_does_not_depend_on_the_order_of_the_vertices():
+    """The smallest height ends on the largest face, which is each of the four in turn."""
+    p = np.array([[0, 1, 0, 0.3], [0, 0, 2, 0.2], [0, 0, 0, 0.1]])
+    ratios = [aspect_ratios(ElementMesh(p, np.roll(np.arange(4), i)[:, None]))[0] for i in range(4)]
+    assert ratios == pytest.approx([np.sqrt(5) / 0.1] * 4, rel=1e-12)
+
+
 def test_the_size_at_a_vertex_is_the_shortest_edge_of_its_elements():
     chain = ElementMesh(p=[[0, 1, 1.5, 4]], t=[[0, 1, 2], [1, 2, 3]])
     assert node_sizes(chain).tolist() == [1.0, 0.5, 0.5, 2.5]

@@ -1,5 +1,7 @@
 """Mesh files of many formats are read with vertices and elements; everything left out is reported."""
 
+import re
+
 import meshio
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ from meshfiles import CUBE, FIVE_TETS, HEXAHEDRON, LEFT, SEGMENTS, TETS, TRIANGL
 
 from skfem_stvk import MeshError, StvkWarning
 from skfem_stvk.mesh import content, read_mesh
+from skfem_stvk.mesh.formats import CHECKS
 
 
 @pytest.mark.parametrize("ending", ["vtu", "vtk", "msh"])
@@ -50,6 +53,23 @@ def test_an_array_of_a_few_integers_becomes_subdomains_and_boundaries(ending, na
         f"{name}:9": [4],
     }
     assert {key: ids.T.tolist() for key, ids in mesh.boundaries.items()} == {f"{name}:4": [[1, 2, 3]], f"{name}:9": [[0, 1, 3]]}
+
+
+def test_scalars_of_a_vtk_file_may_state_their_number_of_components(tmp_path):
+    file = tmp_path / "mesh.vtk"
+    meshio.Mesh(np.array(CUBE, dtype=float), [("tetra", FIVE_TETS)]).write(file, "vtk", binary=False)
+    with file.open("a") as text:
+        text.write("CELL_DATA 5\nSCALARS part int 1\nLOOKUP_TABLE default\n1 1 2 2 2\n")
+    assert {key: ids.tolist() for key, ids in read_mesh(file).subdomains.items()} == {"part:1": [0, 1], "part:2": [2, 3, 4]}
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_an_xdmf_file_may_state_the_number_of_its_elements(stated, tmp_path):
+    file = write(tmp_path / "mesh.xdmf", CUBE, [("tetra", FIVE_TETS)])
+    if not stated:
+        file.write_text(re.sub(r' NumberOfElements="\d+"', "", file.read_text()))
+    assert CHECKS[".xdmf"](file) == (None, 5 if stated else None)
+    assert read_mesh(file).nt == 5
 
 
 def test_an_array_of_many_integers_is_no_group(tmp_path):

@@ -52,7 +52,7 @@ FAULTS = {
 HUNG = 240
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("fault", "where"), [("raises", "program"), *((fault, "load") for fault in FAULTS)])
 def test_a_rank_that_fails_ends_the_job(on_ranks, fault, where):
     """The other rank waits for it in a reduction, or in an exchange of the solve."""
@@ -240,6 +240,7 @@ def test_a_partition_file_is_the_mesh_of_a_scene(on_ranks, tmp_path, capsys):
     assert done.stderr.count("bracket.h5 is damaged: /parts/3 was changed after it was written") == 1
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("settings", "words"),
     [

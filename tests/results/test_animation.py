@@ -12,7 +12,7 @@ from PIL import Image
 from skfem_stvk import ElementMesh, StVK, StvkError
 from skfem_stvk.results import Fields, Series, animate, plotting, write_vtu
 from skfem_stvk.results.picture import _in_words
-from skfem_stvk.solvers.runs.state_files import read_state
+from skfem_stvk.solvers.state_files import read_state
 
 COUNT = 5
 

@@ -46,14 +46,14 @@ from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.results import Fields, animate, plot, plotting, write_vtu
 from skfem_stvk.results import table as names
 from skfem_stvk.results.contact_forces import contact_state, contact_states
+from skfem_stvk.results.penetration import contact_findings
 from skfem_stvk.results.picture import View, picture_of
 from skfem_stvk.results.series import listed_states
 from skfem_stvk.results.shapes import MARGIN, surface_of, surroundings
 from skfem_stvk.scenes import scene_report as report
-from skfem_stvk.solvers.dynamics.contact_findings import contact_findings
 from skfem_stvk.solvers.newton.newton import End
 from skfem_stvk.solvers.runs.ledger import Ledger
-from skfem_stvk.solvers.runs.state_files import read_state
+from skfem_stvk.solvers.state_files import read_state
 
 LAW = NeoHookean(young=3e4, poisson=0.3, density=1000.0)
 CUBE = box((0.1, 0.1, 0.1), (2, 2, 2))

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from skfem_stvk import StvkError, StvkWarning
-from skfem_stvk.results.one_writer import OneWriter
+from skfem_stvk.results.complete_files import OneWriter
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="no forks")
 

@@ -7,7 +7,7 @@ from bodies import BODIES, MESHES, state
 from skfem_stvk import ElementMesh, StateError, StVK, StvkWarning, System, VolumePenalty
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields
-from skfem_stvk.results.law_on_elements import dilation
+from skfem_stvk.results.law_on_elements import dilation, volume_stress
 from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 SOLID = [name for name in BODIES if name.split(",")[0] in ("tetrahedra", "triangles", "segments")]
@@ -84,6 +84,13 @@ def test_the_default_stiffness_and_the_region_are_those_of_the_system():
     changed = np.abs(now["pk2"] - plain["pk2"]).max(axis=(1, 2)) > 1e-6
     assert 0.3 * mesh.nt < changed.sum() and set(np.flatnonzero(changed)) <= set(half)
     assert len(np.unique(now.fields.material_of)) == 2 and len(np.unique(now.fields.material_of[half])) == 1
+
+
+def test_an_infinite_stress_is_marked_and_zero():
+    """The area of the first triangle vanishes while the penalty has a slope; without a slope there is no stress."""
+    gradient = np.array([np.diag([-1.0, 0.2]), np.diag([-1.0, 0.2]), np.diag([0.1, 0.2])])
+    S, lost = volume_stress(np.array([3.0, 0.0, 3.0]), gradient, np.ones(3, dtype=bool))
+    assert lost.tolist() == [True, False, False] and not S[:2].any() and S[2].any()
 
 
 def test_elements_with_only_a_penalty_have_its_stress():

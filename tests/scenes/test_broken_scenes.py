@@ -644,6 +644,13 @@ def test_a_broken_scene_gets_its_message(case, tmp_path, monkeypatch, capsys):
     assert [path.name for path in tmp_path.iterdir() if path.name not in ("scene.toml", "scene")] == []
 
 
+def test_a_missing_file_with_a_similar_name_in_its_folder_gets_a_hint(tmp_path):
+    (tmp_path / "bracket2.msh").touch()
+    broken(tmp_path, [('type = "box"\nsize = [2.0, 1.0, 1.0]\ncells = [4, 2, 2]', 'file = "bracket.msh"')])
+    with pytest.raises(SceneError, match=r"Did you mean 'bracket2\.msh'"):
+        _ = Scene.read(tmp_path / "scene.toml").built
+
+
 def test_all_errors_are_reported_together_in_the_order_of_lines(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     wrong = [

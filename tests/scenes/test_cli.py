@@ -225,6 +225,7 @@ def test_the_command_is_installed():
         assert done.returncode == 0 and "verify" in done.stdout and "info" in done.stdout
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("package", ["rich", "numpy", "scipy", "skfem", "numba", "pydantic"])
 def test_ctrl_c_while_a_package_is_imported_is_one_line(package, tmp_path):
     (tmp_path / f"{package}.py").write_text("raise KeyboardInterrupt\n")

@@ -75,6 +75,17 @@ def test_numbers_of_a_body_equal_those_of_the_analyses():
     assert found.remarks == [] and "no problem" in shown(found)
 
 
+def test_free_and_constrained_unknowns_are_counted():
+    """The bar has 20 vertices, and 4 of them are held."""
+    (unknowns,) = (fact for fact in inspect_scene(scene()).facts["body"] if fact.name == "unknowns")
+    assert unknowns.value == 60 - 12 and "12 constrained" in unknowns.note
+
+
+def test_columns_of_tables_have_headings():
+    words = shown(inspect_mesh(box())).split()
+    assert {"measure", "worst", "median"} <= set(words)
+
+
 def bad_meshes():
     p, t = box().p, box().t
     flat, tiny = p.copy(), p.copy()

@@ -29,7 +29,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.errors import AnalysisError
 from skfem_stvk.mesh import ElementMesh, box
-from skfem_stvk.results.one_writer import OneWriter
+from skfem_stvk.results.complete_files import OneWriter
 from skfem_stvk.results.vtu import read_vtu, write_mesh
 from skfem_stvk.scenes import Scene
 from skfem_stvk.scenes.commands.main import main

@@ -218,7 +218,6 @@ NEO_HOOKEAN = NeoHookean(young=1e5, poisson=0.3, density=1e2)
 CASES = {
     "ReducedSystem: energy, force, tangent": Case("coordinates.py", unknowns),
     "the same, of a law on the mesh": Case("solvers/reduced/quartic.py", partial(unknowns, law=NEO_HOOKEAN)),
-    "the same, of sampled elements": Case("solvers/reduced/quartic.py", partial(unknowns, law=NEO_HOOKEAN, sampled=20)),
     "ReducedSystem: what is prescribed": Case("solvers/reduced/basis.py", amounts),
     "dead loads as functions of time": Case("terms/loads/dead_loads.py", loads),
     "K over free degrees of freedom": Case("edges/streaming.py", parts_of_K),

@@ -340,11 +340,11 @@ def at_any(x, values):
 def test_parts_joined_by_another_term_are_no_mechanism():
     edges = System(ONE_EDGE, MATERIAL).bound_terms[0].nodes_paired
     held = (3 * np.flatnonzero(ONE_EDGE.p[0] == 0)[:, None] + np.arange(3)).ravel()
-    solid, term = np.ones(ONE_EDGE.nt, dtype=bool), SimpleNamespace(nodes_paired=edges)
+    solid, term = np.ones(ONE_EDGE.nt, dtype=bool), SimpleNamespace(nodes_paired=edges, nodes_joined=None, grounded=None)
     a, b = (np.flatnonzero(at(*point)(ONE_EDGE.p))[0] for point in ((0, 0, 0), (2, 2, 0)))
     with pytest.raises(SupportError, match="1 mechanism"):
-        check_held(ONE_EDGE, [term, SimpleNamespace(nodes_paired=edges[:, ::2])], held, solid)
-    check_held(ONE_EDGE, [term, SimpleNamespace(nodes_paired=np.array([[a], [b]]))], held, solid)
+        check_held(ONE_EDGE, [term, SimpleNamespace(nodes_paired=edges[:, ::2], nodes_joined=None, grounded=None)], held, solid)
+    check_held(ONE_EDGE, [term, SimpleNamespace(nodes_paired=np.array([[a], [b]]), nodes_joined=None, grounded=None)], held, solid)
 
 
 def test_cables_trusses_and_membranes_in_space_are_not_checked():

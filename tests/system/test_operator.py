@@ -12,6 +12,7 @@ from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.system import FreeOperator, TangentOperator
+from skfem_stvk.system.operator import at_all_times
 
 TERM = StVK(young=2.0, poisson=0.3)
 SOLID = System(MESHES["tetrahedra"], TERM)
@@ -321,7 +322,9 @@ class Anchors:
 def test_terms_that_are_not_assemblies_have_operators():
     mesh = SOLID.mesh
     u, v, c = state(mesh), state(mesh, seed=9), np.arange(mesh.nv) % 5.0
-    operator = TangentOperator(mesh, [TERM.bind(mesh), with_blocks(Anchors(c), mesh.nv, 3, np.float64)], u, np.float64)
+    operator = TangentOperator(
+        mesh, at_all_times([TERM.bind(mesh), with_blocks(Anchors(c), mesh.nv, 3, np.float64)]), u, np.float64
+    )
     operator.prepare(u)
     wanted = SOLID.tangent(u) @ v + np.repeat(c, 3) * v
     assert np.abs(operator @ v - wanted).max() < 1e-13 * np.abs(wanted).max()

@@ -43,7 +43,9 @@ from skfem_stvk.results import Fields, animate, write_vtu
 from skfem_stvk.results.picture import picture_of
 from skfem_stvk.results.series import save_series
 from skfem_stvk.solvers.dynamics.forces import add_damping_force, add_mean_force
-from skfem_stvk.terms.loads.load import Moment
+from skfem_stvk.system.bound import compressed_in_part
+from skfem_stvk.system.rigid import parts_of_body
+from skfem_stvk.terms.loads.load import Moment, StepStart
 
 RNG = np.random.default_rng(21)
 BOXES = [name for name, mesh in EVERY_MESH.items() if mesh.element.shape.one_point and mesh.k == mesh.d]
@@ -228,8 +230,8 @@ def test_volumes_and_stretches_exclude_removed_elements(pairs, name, quadrature)
     crushed = 1.5 * state(mesh)
     assert (whole.inside_out(crushed) == pair.kept[part.inside_out(crushed[dofs])]).all()
     below = np.nextafter(np.median(np.concatenate([[part.smallest_stretch(crushed[dofs])], [1.5]])), 9)
-    assert len(whole.compressed(crushed, below))
-    assert (whole.compressed(crushed, below) == pair.kept[part.compressed(crushed[dofs], below)]).all()
+    assert len(compressed_in_part(whole, crushed, below))
+    assert (compressed_in_part(whole, crushed, below) == pair.kept[compressed_in_part(part, crushed[dofs], below)]).all()
 
 
 def test_pressure_on_a_membrane_retains_the_orientation_of_the_remaining_elements():
@@ -339,7 +341,7 @@ def test_loose_parts_are_reported_and_refused_in_statics():
     body = strip()
     with pytest.warns(StvkWarning, match=r"1 part becomes loose: 16 elements \(8, .*\) with 15 vertices"):
         body = body.without(column(body, 1.5, 2))
-    assert len(np.unique(body.parts())) == 2
+    assert len(np.unique(parts_of_body(body))) == 2
     with pytest.raises(SupportError, match=r"the part of 15 vertices .* has 3 rigid modes left"):
         solve_static(body, quiet=True)
     body = quietly(body.without, column(body, 2, 9))
@@ -431,22 +433,21 @@ class RemovableFriction(Friction):
     class Bound(Friction.Bound):
         def without(self, removed):
             left = copy(self)
-            left.commits = []
+            left.begun = []
             return left
 
 
-def test_history_of_terms_is_copied_and_independent():
+def test_a_body_with_removed_elements_continues_the_history():
     mesh, rng = EVERY_MESH["tetrahedra"], np.random.default_rng(3)
     whole = System(mesh, [StVK(young=1.0, poisson=0.3), RemovableFriction([1, 4], 2.0)])
     u, v, w = 0.1 * rng.standard_normal((3, whole.ndofs))
-    whole.commit(u, 0.0)
-    torn = whole.without([0])
-    for later in (u, v):
-        for body, kept in ((torn, later), (whole, u)):
+    torn, history = whole.without([0]), whole.advanced(whole.first_history(), u, 0.0)
+    for later, one in ((u, history), (v, torn.advanced(history, v, 0.0))):
+        for body, kept, start in ((torn, later, one), (whole, u, history)):
             energy = ((w - kept).reshape(-1, 3)[[1, 4]] ** 2).sum()  # 1/2 k slip^2
-            assert body.energies(w)["RemovableFriction 1"] == pytest.approx(energy, rel=1e-14)
-            assert body.linearize(w)[0] == pytest.approx(body.energy(w), rel=1e-14)
-        torn.commit(v, 0.0)
+            end = Moment(1.0, 1.0, step=StepStart(start, in_time=False))
+            assert body.energies(w, end)["RemovableFriction 1"] == pytest.approx(energy, rel=1e-14)
+            assert body.linearize(w, t=end)[0] == pytest.approx(body.energy(w, end), rel=1e-14)
 
 
 def test_degrees_of_freedom_of_the_whole_body_are_those_of_the_remaining_one():
@@ -491,6 +492,16 @@ def test_terms_without_elements_refuse_removal_by_name(term, name):
     with pytest.raises(StvkError, match=f"{name}: elements cannot be removed"):
         body = body.without([0])
     assert body.energy(state(mesh)) == W and not body.removed.size
+
+
+def test_loads_whose_pairs_change_refuse_removal_by_name():
+    class Travelling(Vortex):
+        class Bound(Vortex.Bound):
+            pairs_change, pattern_version = True, 0
+
+    body = System(EVERY_MESH["tetrahedra"], [StVK(young=1.0, poisson=0.3), Travelling([1, 4, 9], 2.0)])
+    with pytest.raises(StvkError, match="Travelling: elements cannot be removed"):
+        body.without([0])
 
 
 def test_loads_without_elements_are_bound_again():

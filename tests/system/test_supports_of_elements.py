@@ -13,8 +13,6 @@ from skfem_stvk.mesh.locations import describe, facets_at, vertices_at
 from skfem_stvk.system import Supports
 from skfem_stvk.system.supports import dofs_at
 
-LINE = skfem.Basis(skfem.MeshLine().refined(2), skfem.ElementVector(skfem.ElementLineP2()))
-
 
 def straight(name):
     """Return a scikit-fem basis with named boundaries, on a mesh of elements with plane facets."""

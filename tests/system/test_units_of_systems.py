@@ -31,7 +31,7 @@ from skfem_stvk.results import animate
 from skfem_stvk.results.vtu import write_mesh
 from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.solvers.runs.ledger import Ledger, unit_of
-from skfem_stvk.solvers.runs.state_files import read_state
+from skfem_stvk.solvers.state_files import read_state
 from skfem_stvk.units import UNITS
 
 STEEL = {"young": 2.1e5, "poisson": 0.3, "density": 7.85e-9}

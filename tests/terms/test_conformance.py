@@ -210,7 +210,6 @@ CASES = cases()
 WITH_ENERGY = [name for name, case in CASES.items() if case.term.bind(Body(case.mesh, []), np.float64).has_energy]
 DEFINITE = [name for name in WITH_ENERGY if CASES[name].definite]
 OURS = [name for name, case in CASES.items() if not case.toy]
-INVERTING = [name for name, case in CASES.items() if case.inverts]
 FREE = [name for name, case in CASES.items() if not case.grounded]
 
 

@@ -182,14 +182,14 @@ def test_statics_reports_an_unstable_body_without_opposite_pairs():
     assert whole.success and not found.success and "negative eigenvalue" in found.message
 
 
-@pytest.mark.parametrize("part", ["all", "edges", "adjacent"])
-def test_elements_can_be_removed_from_the_network_of_a_law(part):
+@pytest.mark.parametrize(("part", "young"), [("all", 9e9), ("edges", 9e-9), ("adjacent", 9.0)])
+def test_elements_can_be_removed_from_the_network_of_a_law(part, young):
     """After elements are removed, the network equals the network of the remaining elements."""
-    law, removed = StVK(young=9.0, poisson=0.4, density=2.0), np.random.default_rng(2).permutation(MESH.nt)[:30]
+    law, removed = StVK(young=young, poisson=0.4, density=2.0), np.random.default_rng(2).permutation(MESH.nt)[:30]
     retained = np.setdiff1d(np.arange(MESH.nt), removed)
     take = {"all": lambda n: n, "edges": EdgeNetwork.diagonal, "adjacent": lambda n: n.without("opposite")}[part]
     system = System(MESH, take(EdgeNetwork.of(MESH, law)))
-    rest = System(MESH, take(EdgeNetwork.of(MESH, StVK(young=9.0, poisson=0.4, density=2.0, region=retained))))
+    rest = System(MESH, take(EdgeNetwork.of(MESH, StVK(young=young, poisson=0.4, density=2.0, region=retained))))
     u, before = state(MESH), system.internal_force(state(MESH))
     system = system.without(removed[:7])
     system = system.without(removed)

@@ -30,6 +30,8 @@ from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MotionState
 from skfem_stvk.system.round_off import EPS
+from skfem_stvk.system.system import for_analysis
+from skfem_stvk.terms.loads.load import Moment, StepStart
 
 MU, G, SIZE, DENSITY = 0.3, 9.81, 0.1, 1e3
 MASS, FAR = DENSITY * SIZE**3, 1000.0
@@ -147,7 +149,7 @@ def test_energy_momentum_does_not_stop_where_an_undamped_body_sticks(kind, shape
 def rubbing(contact, x=0.0):
     """Return a block in an analysis in time that touches and slips, its displacements (nv, d), and those before the step."""
     body = block(contact, 0.5, x)[0]
-    system = body.for_analysis(in_time=True)
+    system = for_analysis(body, in_time=True)
     rng = np.random.default_rng(1)
     start = 1e-5 * rng.normal(size=(system.mesh.nv, 3)) - [0, 0, 1e-5]
     return system, start + 2e-7 * rng.normal(size=start.shape), start
@@ -155,13 +157,11 @@ def rubbing(contact, x=0.0):
 
 def friction_at(system, u, start):
     """Return the friction (nv, 3) [N] at `u`, after a step of 1 ms from `start`."""
-    motion, term = Motion(system, None, None), system.contacts[0]
-    forces = np.zeros((2, *u.shape))
-    system.commit(start.ravel(), motion.moment(0.0))
+    motion, forces = Motion(system, None, None), np.zeros((2, *u.shape))
+    motion.begin_step(system.advanced(system.first_history(), start.ravel(), motion.moment(0.0)))
     for t, force in zip((1e-3, 0.0), forces, strict=True):
-        term.at(motion.moment(t))
+        (term,) = system.contacts_at(motion.moment(t))
         term.energy_and_force(u, force)
-    term.at(motion.moment(1e-3))
     return forces[0] - forces[1]
 
 
@@ -176,16 +176,17 @@ def test_the_round_off_of_friction_counts_displacements(contact):
     """A displacement by 1/3 km rounds the slips. The errors are within the estimate, and above that of the normal force alone."""
     system, u, start = rubbing(contact)
     if contact == "mesh":
-        system = pair(friction=RUBBING, law=STIFF)[0].for_analysis(in_time=True)
+        system = for_analysis(pair(friction=RUBBING, law=STIFF)[0], in_time=True)
         start = by_node(deformed(system)[0])
         u = start + 2e-7 * np.random.default_rng(2).normal(size=start.shape)
-    term, far = system.contacts[0], np.array([FAR / 3, 0, 0])
+    far = np.array([FAR / 3, 0, 0])
     near = friction_at(system, u, start)
     error = np.abs(friction_at(system, u + far, start + far) - near)
     sums, without = np.zeros((2, *u.shape))
-    term.add_round_off(u + far, sums)
-    term._width = 0.0
-    term.add_round_off(u + far, without)
+    history = system.advanced(system.first_history(), (start + far).ravel(), 0.0)
+    for t, out in ((1e-3, sums), (0.0, without)):
+        (term,) = system.contacts_at(Moment(t, 1.0, step=StepStart(history, in_time=True)))
+        term.add_round_off(u + far, out)
     if contact == "mesh":  # the barrier's own is larger far from the origin
         sums -= without
         without[:] = 0
@@ -200,7 +201,7 @@ def test_the_matrix_of_a_step_has_the_friction_of_its_equation(contact, name):
     integrator = NEWTON[name]
     motion = Motion(system, None, None)
     stepper, state = integrator.stepper(motion), MotionState.at(0.0, start.ravel(), 0 * start.ravel())
-    system.commit(state.u, motion.moment(0.0))
+    motion.begin_step(system.advanced(system.first_history(), state.u, motion.moment(0.0)))
     problem, moment = stepper.problem, motion.moment(1e-3)
     problem.begin(state, integrator.coefficients(state, 1e-3, stepper))
     w, v, h = (u - start).ravel(), np.random.default_rng(2).normal(size=u.size), 1e-10

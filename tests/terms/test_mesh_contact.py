@@ -8,6 +8,7 @@ from copy import deepcopy
 import numpy as np
 import pytest
 import skfem
+from terms.toys import in_step
 
 from skfem_stvk import (
     BackwardEuler,
@@ -37,7 +38,7 @@ from skfem_stvk.edges import TENSILE
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.solvers.dynamics.step_problem import StepProblem
 from skfem_stvk.terms.loads import ipc
-from skfem_stvk.terms.protocols import Assumed
+from skfem_stvk.terms.loads.load import APART, Moment, StepStart
 
 LAW = StVK(young=3e4, poisson=0.3, density=1000.0)
 #: Distance of the barrier, and gap at rest; both are small against the edges.
@@ -199,8 +200,8 @@ def test_the_mean_tangent_is_near_twice_the_derivative_of_the_mean_force():
         term.mean_force(by_node(u), by_node(u1 + s * v), (1.0, 1.0), 0.5, f)
         return f.ravel()
 
-    with system.assuming((by_node(u), by_node(u1))):
-        K = system.tangent(u).toarray() - without.tangent(u).toarray()
+    between = Moment(0.0, 0.0, contact=(by_node(u), by_node(u1)))
+    K = system.tangent(u, t=between).toarray() - without.tangent(u).toarray()
     change = slope(twice)
     assert np.abs(K @ v - change).max() < 0.02 * np.abs(change).max()
 
@@ -359,15 +360,14 @@ def test_pairs_of_nodes_follow_the_body_and_results_do_not_depend_on_earlier_cal
     operator = system.linear_operator(u)
     system.tangent(apart.ravel())
     assert np.array_equal(operator @ u, system.linear_operator(u) @ u)  # an operator keeps its pairs
-    system.bound_terms[1].assumed = Assumed.APART
     version = system.pattern_version
-    system.look(apart.ravel())
+    system.look(apart.ravel(), APART)
     assert system.pattern_version == version
 
 
 def test_in_an_analysis_the_pairs_stay_until_too_many_are_unused():
     system, _ = pair()
-    term = system.bound_terms[1].with_new_history(in_time=True)
+    term = system.bound_terms[1].for_analysis(in_time=True)
     u, _ = deformed(system)
     apart = np.zeros_like(by_node(u))
     apart[upper(system), 2] = 0.02
@@ -375,26 +375,26 @@ def test_in_an_analysis_the_pairs_stay_until_too_many_are_unused():
     pairs, version = term.nodes_paired, term.pattern_version
     term.look(apart)
     assert pairs.size and np.array_equal(term.nodes_paired, pairs) and term.pattern_version == version
-    history = term.history
-    term.commit(apart, 1.0)
+    history = term.after_step(term.first_history())
+    assert not term.advanced(history, apart, Moment(1.0, 1.0))[1:].any()
     assert not term.nodes_paired.size and term.pattern_version == version + 1
-    term.history = history
+    term.return_to(history)
     assert np.array_equal(term.nodes_paired, pairs) and term.pattern_version == version + 2
     assert not system.bound_terms[1].nodes_paired.size
     for wrong in (np.empty(0), history[:-1], np.append(history, 1.0), np.full(5, np.nan), -history):
         with pytest.raises(ValueError, match="MeshContact 'pair'"):
-            term.history = wrong
+            term.return_to(wrong)
 
 
 @pytest.mark.parametrize("friction", [None, Friction(0.4, slip_length=1e-4)])
 def test_a_system_with_contact_can_be_pickled_and_copied(friction):
     system, _ = pair(friction=friction)
     u, v = deformed(system)
-    system.commit(u, 0.0)
+    end = Moment(1.0, 1.0, step=StepStart(system.advanced(system.first_history(), u, 0.0), in_time=False))
     moved = u + 1e-5 * v
     for other in (pickle.loads(pickle.dumps(system)), deepcopy(system)):
-        assert np.array_equal(other.internal_force(moved), system.internal_force(moved))
-        assert np.array_equal(other.tangent(moved).data, system.tangent(moved).data)
+        assert np.array_equal(other.internal_force(moved, end), system.internal_force(moved, end))
+        assert np.array_equal(other.tangent(moved, t=end).data, system.tangent(moved, t=end).data)
 
 
 # Whole analyses
@@ -447,10 +447,8 @@ def test_friction_is_at_most_coulombs_and_acts_against_the_slip():
     friction = Friction(0.4, slip_length=1e-4)
     system, _ = pair(friction=friction)
     without, _ = pair()
-    term = system.bound_terms[1].with_new_history(in_time=False)
     u, _ = deformed(system, 0.0)
-    term.commit(by_node(u), 0.0)
-    term.at(1.0)
+    term, history = in_step(system.bound_terms[1], by_node(u), 0.0, 1.0, in_time=False)
     normal = by_node(force_of(without.bound_terms[1], u))[upper(system), 2].sum()
     assert np.abs(by_node(force_of(term, u))[:, :2]).max() < 0.02 * abs(normal)  # none without a slip
     for slip, share in ((0.5e-4, 0.75), (1e-3, 1.0)):
@@ -463,20 +461,18 @@ def test_friction_is_at_most_coulombs_and_acts_against_the_slip():
             slip * rub[upper(system), 0].sum()
         )
     direction = np.random.default_rng(5).normal(size=moved.size) * 1e-2
-    other = System(system.mesh, system.terms)
-    other._replace_bound([other.bound_terms[0], term], [])
     elastic = System(system.mesh, [LAW, MeshContact("lower", "upper", distance=1e-9)])
 
-    def check():
-        K = (other.tangent(moved.ravel()) - elastic.tangent(moved.ravel())) @ direction
+    def check(t):
+        at = Moment(t, t, step=StepStart((history,), in_time=False))
+        K = (system.tangent(moved.ravel(), t=at) - elastic.tangent(moved.ravel())) @ direction
         change = slope(lambda s: force_of(term, moved.ravel() + s * direction), 1e-6)
         assert np.abs(K - change).max() < 1e-4 * np.abs(change).max()
 
-    check()
-    term.commit(moved, 1.0)
-    term.at(2.0)
+    check(1.0)
+    term, history = in_step(system.bound_terms[1], moved, 1.0, 2.0, in_time=False, after=history)
     moved[upper(system), 1] += 2e-5
-    check()
+    check(2.0)
 
 
 def test_friction_has_the_width_of_its_step_and_the_start_of_its_analysis():
@@ -484,32 +480,26 @@ def test_friction_has_the_width_of_its_step_and_the_start_of_its_analysis():
     u, _ = deformed(system, 0.0)
     moved = by_node(u).copy()
     moved[upper(system), 0] += 1e-4
-    one = system.bound_terms[1].with_new_history(in_time=True)
-    one.commit(by_node(u), 0.0)
-    found = []
+    contact, found = system.bound_terms[1], []
     for t in (1e-3, 4e-3):  # widths of .1 and .4 mm
-        one.at(t)
+        one, history = in_step(contact, by_node(u), 0.0, t)
         one.look(moved)
         found.append((by_node(force_of(one, moved))[upper(system), 0].sum(), one._blocks_at(moved, False)[1].copy()))
     assert found[1][0] == pytest.approx(found[0][0] * 0.4375, rel=2e-3) and not np.array_equal(found[0][1], found[1][1])
-    other = system.bound_terms[1].with_new_history(in_time=True)
-    other.commit(by_node(u), 0.0)
-    other.at(4e-3)
-    first = other._blocks_at(moved, False)[1].copy()
-    other.commit((by_node(u) + moved) / 2, 4e-3)
-    other.at(8e-3)  # the same width, from another start
+    first = in_step(contact, by_node(u), 0.0, 4e-3)[0]._blocks_at(moved, False)[1].copy()
+    other, _ = in_step(contact, (by_node(u) + moved) / 2, 4e-3, 8e-3, after=history)  # the same width, from another start
     assert not np.array_equal(other._blocks_at(moved, False)[1], first)
     with_mean = []
     for states in (None, (by_node(u), moved)):
-        one.assumed = states
+        one, _ = in_step(contact, by_node(u), 0.0, 4e-3, contact=states)
         with_mean.append(one._stiffness_at(states or (moved,), False))
     without = pair()[0].bound_terms[1]
     smooth = [without._stiffness_at(states, False) for states in ((moved,), (by_node(u), moved))]
     twice, once = with_mean[1] - smooth[1], with_mean[0] - smooth[0]
     assert abs(twice - 2 * once).max() < 1e-9 * abs(once).max() and abs(once).max() > 0  # the equation has twice the mean force
-    again = one.with_new_history(in_time=True)
-    again.at(1e-3)
-    assert again.work(by_node(u), moved) == (0.0, 0.0) and len(again.history) == 2
+    first = contact.first_history()
+    again = contact.at(Moment(1e-3, 1.0, step=StepStart((first,), in_time=True)), first)
+    assert again.work(by_node(u), moved) == (0.0, 0.0) and len(first) == 2
 
 
 @pytest.mark.parametrize("friction", [None, Friction(0.3, slip_speed=0.05)])
@@ -632,20 +622,18 @@ def test_removed_elements_take_their_facets_with_them():
 
 def test_a_contact_with_friction_has_the_displacements_of_the_remaining_nodes():
     system, _ = pair(friction=Friction(0.4, slip_length=1e-4))
-    term, (u, v) = system.bound_terms[1].with_new_history(in_time=False), deformed(system)
-    term.commit(by_node(u), 0.0)
+    contact, (u, v) = system.bound_terms[1], deformed(system)
     removed = np.zeros(system.mesh.nt, dtype=bool)
     removed[system.mesh.elements("upper")[:40]] = True
-    fresh = term.without(removed)
-    term.at(1.0)
+    before = contact.without(removed)
+    term, history = in_step(contact, by_node(u), 0.0, 1.0, in_time=False)
     force_of(term, u + 1e-5 * v)
-    rest = term.without(removed)
-    fresh.at(1.0)
-    rest.at(1.0)
+    end = Moment(1.0, 1.0, step=StepStart((history,), in_time=False))
+    rest, fresh = (one.at(end, history) for one in (contact.without(removed), before))
     assert np.array_equal(force_of(rest, u + 1e-5 * v), force_of(fresh, u + 1e-5 * v))
     assert len(rest._nodes) != len(term._nodes) and np.array_equal(rest._start, by_node(u))
     assert np.isfinite(force_of(rest, u + 1e-5 * v)).all()
-    rest.history = rest.history
+    rest.return_to(history)
 
 
 def column(where=None, friction=None, **others):

@@ -28,6 +28,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.mesh import ElementMesh
+from skfem_stvk.terms.loads.load import Moment, StepStart
 
 #: Corners of a table top of two triangles, larger than the blocks; its normal points upwards.
 TABLE = np.array([[-1.0, 1.0, 1.0, -1.0], [-1.0, -1.0, 1.0, 1.0], [0.0, 0.0, 0.0, 0.0]]), np.array([[0, 0], [1, 2], [2, 3]])
@@ -79,17 +80,18 @@ def test_forces_are_those_of_contact_with_a_body_that_does_not_move(friction):
     assert len(system.bound_terms[1]._X) == len(both.bound_terms[1]._X)
     top, u = upper(both), rng(system)[0]
     w = np.zeros((both.mesh.nv, 3))
-    terms = [one.bound_terms[1].with_new_history(in_time=False) for one in (system, both)]
+    contacts = [one.bound_terms[1].for_analysis(in_time=False) for one in (system, both)]
+    histories = [contact.first_history() for contact in contacts]
     for t, shift in ((0.0, 0.0), (1.0, 2e-4)):
         moved = by_node(u).copy()
         moved[:, 0] += shift
         w[top] = moved
         found = []
-        for term, x in zip(terms, (moved, w), strict=True):
-            term.at(t) if friction else None
+        for i, x in enumerate((moved, w)):
+            term = contacts[i].at(Moment(t, t, step=StepStart((histories[i],), in_time=False)), histories[i])
             term.look(x)
             found.append((term.energy_and_force(x), by_node(force_of(term, x.ravel())), term.evaluated(x)))
-            term.commit(x, t)
+            histories[i] = contacts[i].advanced(histories[i], x, Moment(t, t))
         (W, F, of), (V, G, other) = found
         assert pytest.approx(V, rel=1e-12) == W and np.abs(F - G[top]).max() < 1e-11 * np.abs(F).max() > 0
         assert np.allclose(of[0], other[0][top], rtol=1e-9) and np.allclose(of[1], other[1][top], rtol=1e-9)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import skfem
 from bodies import CURVED, STRAIGHT, box, scikit_fem_of, state
-from kernels import readable
 from kernels.parts import in_parts
 from skfem.helpers import ddot, grad
 from slow import slow
@@ -17,7 +16,6 @@ from skfem_stvk.mesh.points import base_vectors_at, determinants
 from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.system.pattern import Pattern
 from skfem_stvk.terms import Body
-from skfem_stvk.terms.laws import volume_penalty
 from skfem_stvk.terms.laws.volume_penalty import ENERGIES
 
 EVERY = {f"{name}, curved": mesh for name, mesh in CURVED.items()} | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items()}
@@ -83,27 +81,6 @@ def test_energy_force_and_tangent_are_scikit_fems(name, kind, rule, monkeypatch)
     again, total = np.zeros_like(u), term.blocks(u, found * 0)[0]
     term.blocks(u, again)
     assert total == pytest.approx(W, rel=1e-12) and np.abs(again - found).max() < 1e-14 * np.abs(found).max()
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("name", SOLID)
-def test_the_compiled_kernels_agree_with_the_readable_ones(name, monkeypatch):
-    in_parts(monkeypatch, 2)
-    mesh = EVERY[name]
-    u = state(mesh, 0.1).reshape(-1, mesh.d) - 0.1 * mesh.p.T
-
-    def found(kind):
-        term, force, sizes = bound(mesh, kind), np.zeros_like(u), np.zeros_like(u)
-        W, blocks = term.blocks(u, force, kept=Tensions(0.9, 0.3))
-        term.add_round_off(u, sizes)
-        again = np.zeros_like(u)
-        return [np.array([W, term.energy_and_force(u, again)]), force, again, blocks.copy(), sizes]
-
-    compiled = {kind: found(kind) for kind in ENERGIES}
-    monkeypatch.setattr(volume_penalty, "penalty_kernels", readable)
-    for kind, values in compiled.items():
-        for one, other in zip(values, found(kind), strict=True):
-            assert np.abs(one - other).max() < 1e-12 * np.abs(other).max() > 0
 
 
 @pytest.mark.few

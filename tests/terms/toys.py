@@ -10,14 +10,15 @@
 - `Vortex` is a load that rotates about an axis, without potential.
 """
 
+from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from skfem_stvk.edges import ALL
-from skfem_stvk.terms import Load
-from skfem_stvk.terms.protocols import Assumed
+from skfem_stvk.terms import BoundContact, Load
+from skfem_stvk.terms.loads.load import Assumed, Moment, StepStart
 
 
 class MinimalTerm:
@@ -27,6 +28,13 @@ class MinimalTerm:
 
     def bind(self, body, dtype=np.float64):
         return self.Bound(self, getattr(body, "mesh", body))
+
+
+def in_step(term, u, begin, end, in_time=True, after=None, contact=None, **more):
+    """Return a term at the end of a step that begins at displacements `u` (nv, d), and the history at its beginning."""
+    history = term.advanced(term.first_history() if after is None else after, u, Moment(begin, 1.0 if in_time else begin))
+    step = StepStart((history,), in_time, **more)
+    return term.at(Moment(end, 1.0 if in_time else end, step=step, contact=contact), history), history
 
 
 def outer(a, b):
@@ -195,17 +203,28 @@ class Friction(MinimalTerm):
     class Bound(Anchors.Bound):
         def __init__(self, spec, mesh):
             super().__init__(spec, mesh)
-            self._spec, self._mesh, self.history, self.commits = spec, mesh, np.zeros(mesh.p.size), []
+            self._start, self.begun = np.zeros(mesh.p.size), []
 
-        def with_new_history(self, in_time):
-            return type(self)(self._spec, self._mesh)
+        def first_history(self):
+            return self._start
 
-        def commit(self, u, t):
-            self.history = u.ravel().copy()
-            self.commits.append((t, u.copy()))
+        def advanced(self, history, u, moment):
+            self.begun.append((moment.time, u.copy()))
+            return u.ravel().copy()
+
+        def after_step(self, history):
+            return history
+
+        def return_to(self, history):
+            pass
+
+        def at(self, moment, history):
+            other = copy(self)
+            other._start = self._start if history is None else history
+            return other
 
         def energy_and_force(self, u, force=None):
-            slip = (u - self.history.reshape(u.shape))[self.nodes]
+            slip = (u - self._start.reshape(u.shape))[self.nodes]
             if force is not None:
                 force[self.nodes] += self._k * slip
             return float(self._k * (slip**2).sum() / 2)
@@ -239,14 +258,14 @@ class Floor(MinimalTerm):
     height: float
     stiffness: float = 1.0
 
-    class Bound:
-        symmetric = has_energy = True
-        balanced = is_barrier = False
-        nodes_paired = nodes_joined = np.empty((2, 0), dtype=np.int32)
-        name, assumed, shape = "floor", None, None
+    class Bound(BoundContact):
+        name, assumed = "floor", None
 
         def __init__(self, spec, mesh):
             self.nodes, self._k, self._z = np.arange(mesh.nv, dtype=np.int32), spec.stiffness, mesh.p[2] - spec.height
+
+        def at(self, moment, history):
+            return self._with(assumed=moment.contact)
 
         def _depths(self, u):
             return np.maximum(-(self._z + u[:, 2]), 0)

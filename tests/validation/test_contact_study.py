@@ -35,7 +35,7 @@ def quick(name):
     return study
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("name", contact.NAMES)
 def test_the_quick_study_holds(name, gmsh):
     study = quick(name)
@@ -47,6 +47,7 @@ def test_the_areas_of_facets_that_face_away_are_detected(changed):
     assert len(pressed.patch(True).failures) == 6
 
 
+@pytest.mark.slow
 def test_a_doubled_stiffness_is_detected(changed):
     """Under a traction the pressure does not depend on the stiffness."""
     changed(pressed, "RigidContact", stiffness=2.0)
@@ -54,6 +55,7 @@ def test_a_doubled_stiffness_is_detected(changed):
     assert len(failures) == 3 and all("lid: " in failure for failure in failures)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("module", "study"), [(pressed, "capstan"), (motions, "slope")])
 def test_another_coefficient_of_friction_is_detected(changed, monkeypatch, module, study):
     monkeypatch.setattr(pressed, "FRICTIONS", (0.3,))
@@ -62,6 +64,7 @@ def test_another_coefficient_of_friction_is_detected(changed, monkeypatch, modul
     assert not quick(study).passed
 
 
+@pytest.mark.slow
 def test_another_indentation_and_a_soft_plate_are_detected(monkeypatch, gmsh):
     """Hertz's approach without Tatara's correction, and a stiffness of 10 E/h, change the force by more than 0.5 %."""
     assert abs(hertz.pressed(hertz.LinearElastic, 0.1, k=10.0).force - 1) > hertz.FORCE_LIMIT
@@ -69,6 +72,7 @@ def test_another_indentation_and_a_soft_plate_are_detected(monkeypatch, gmsh):
     assert any("force" in failure for failure in hertz.hertz(True).failures)
 
 
+@pytest.mark.slow
 def test_a_soft_wall_and_a_heavy_bar_are_detected(changed, monkeypatch):
     monkeypatch.setattr(motions, "ELEMENTS", 20)
     right = motions.StVK
@@ -78,6 +82,7 @@ def test_a_soft_wall_and_a_heavy_bar_are_detected(changed, monkeypatch):
     assert abs(next(motions.impact(1.0)).error) > 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("study", ["bar", "bounce", "collision"])
 def test_the_force_at_the_end_of_a_step_loses_energy(monkeypatch, study):
     def end(self, u0, u1, weights, theta, force):
@@ -94,6 +99,7 @@ def test_the_force_at_the_end_of_a_step_loses_energy(monkeypatch, study):
     assert study != "collision" or any("ratio of the two" in failure for failure in failures)
 
 
+@pytest.mark.slow
 def test_a_force_without_a_reaction_changes_the_momentum(monkeypatch):
     right = BoundMeshContact.mean_force
 
@@ -107,11 +113,13 @@ def test_a_force_without_a_reaction_changes_the_momentum(monkeypatch):
     assert any("linear momentum" in failure for failure in pairs.collision(True).failures)
 
 
+@pytest.mark.slow
 def test_a_thick_barrier_changes_the_stress_off_the_side_faces(monkeypatch):
     monkeypatch.setattr(pairs, "THIN", 10 * pairs.THIN)
     assert any("stress in the lower block" in failure for failure in pairs.pair(True).failures)
 
 
+@pytest.mark.slow
 def test_a_soft_barrier_and_another_approach_of_two_balls_are_detected(monkeypatch, gmsh):
     """A barrier of E/100 lets the balls come closer. Hertz's approach without Tatara's correction is larger."""
     with_options(monkeypatch, between, "MeshContact", stiffness=0.01)
@@ -121,6 +129,7 @@ def test_a_soft_barrier_and_another_approach_of_two_balls_are_detected(monkeypat
     assert any("force" in failure for failure in between.balls(True).failures)
 
 
+@pytest.mark.slow
 def test_friction_and_a_ring_of_few_edges_are_detected_while_ironing(monkeypatch):
     monkeypatch.setattr(between, "RING_CELLS", (2, 1, 10))
     assert any("normal force" in failure for failure in between.ironing(True).failures)

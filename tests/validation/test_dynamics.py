@@ -106,6 +106,7 @@ def test_a_wrong_density_is_detected_in_csm3(monkeypatch):
     assert not study.passed and any("extrapolated to" in failure for failure in study.failures)
 
 
+@pytest.mark.slow
 def test_energy_that_is_not_conserved_is_detected(monkeypatch):
     monkeypatch.setattr(Newmark, "conserves", EnergyMomentum.conserves)
     found = flight.fly(block(1), Newmark(dt=1e-3, rtol=1e-12), 0.02)
@@ -113,12 +114,14 @@ def test_energy_that_is_not_conserved_is_detected(monkeypatch):
     assert ENERGY in Newmark.conserves
 
 
+@pytest.mark.slow
 def test_loose_solves_are_detected_in_the_long_flight(monkeypatch):
     monkeypatch.setattr(flight, "ROUND_OFF", 1e-6)
     seen = {failure.split(": ")[0] for failure in flight._long(50, 2).failures}
     assert seen == {row[0] for row in flight._long(2, 1).rows} and len(seen) == 3
 
 
+@pytest.mark.slow
 def test_another_mass_is_detected(monkeypatch):
     monkeypatch.setattr(independent, "CASES", independent.CASES[2:3])
     monkeypatch.setattr(independent, "STEPS", 100)
@@ -129,6 +132,7 @@ def test_another_mass_is_detected(monkeypatch):
     assert not independent.independent()[0].passed
 
 
+@pytest.mark.slow
 def test_another_frequency_is_detected(monkeypatch):
     monkeypatch.setattr(vibrations, "predicted", lambda integrator, omega: vibrations.Wave(omega * integrator.dt, 1.0))
     (study,) = vibrations.vibrations(quick=True)

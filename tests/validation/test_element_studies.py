@@ -49,6 +49,7 @@ def test_a_wrong_traction_is_detected(monkeypatch):
     assert not orders.orders(quick=True)[0].passed
 
 
+@pytest.mark.slow
 def test_turek_and_hrons_reference_is_reproduced_on_coarse_meshes():
     study = flag.flag_of_quadratic_triangles(quick=True)
     assert study.passed, study.failures
@@ -69,6 +70,7 @@ def test_work_and_precision_is_plotted(tmp_path):
     assert found.pictures[0].stat().st_size > 10_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("trial", trials.TRIALS[1:], ids=lambda trial: trial.name)
 def test_both_programs_agree_at_prescribed_ends(trial):
     mine = programs.ours(trial, P2, 1)
@@ -77,12 +79,14 @@ def test_both_programs_agree_at_prescribed_ends(trial):
     assert np.abs(mine.result).min() > 0
 
 
+@pytest.mark.slow
 def test_a_block_of_linear_elements_or_boxes_locks_and_one_of_one_point_boxes_does_not():
     families = (P2, 3), (P1, 4), (BOXES, 4), (ONE_POINT, 4)
     truth, linear, boxes, one_point = (programs.ours(trials.SHEARED, family, n).result[0] for family, n in families)
     assert min(linear, boxes) / truth > 1.5 and abs(one_point / truth - 1) < 0.1
 
 
+@pytest.mark.slow
 def test_a_fast_program_with_another_result_is_detected():
     def reached(w):
         solved = programs.Solved(10, np.array([0.0, 0.0, w]), 5, 1.0, np.array([1.0]))

@@ -9,14 +9,14 @@ import pytest
 from skfem_stvk import EnergyMomentum, StvkError, System, VelocityVerlet
 from skfem_stvk.solvers.dynamics.integrators.explicit import VelocityVerletStepper
 from skfem_stvk.terms.loads.mesh_contact import BoundMeshContact
-from skfem_stvk.terms.loads.rigid_contact import BoundRigidContact
+from skfem_stvk.terms.loads.rigid_contact import BoundRigidContact, RigidContactWithHistory
 from validation import limits
 from validation.fuzz import bodies, files, programs, solves, study
 
 CONTACTS = ("contacts", "contact programs", "contact solves", "contact motions")
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("family", ["bodies", "programs", "solves", "motions", *CONTACTS, "mesh files", "scene files"])
 def test_random_cases_are_right_or_refused_with_a_clear_error(family, tmp_path):
     counts = Counter()
@@ -41,6 +41,7 @@ def test_a_result_that_depends_on_earlier_calls_is_found(monkeypatch):
     assert "of a fresh system" in story and story.count("'energy'") >= 1
 
 
+@pytest.mark.slow
 def test_a_force_that_is_not_the_derivative_is_found(monkeypatch):
     internal_force = System.internal_force
     monkeypatch.setattr(System, "internal_force", lambda system, u: 1.001 * internal_force(system, u))
@@ -48,6 +49,7 @@ def test_a_force_that_is_not_the_derivative_is_found(monkeypatch):
     assert "is not the derivative of" in story and "size=1" in story  # the smallest body with this fault
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("of_state", "of_tangent", "said"),
     [(1.001, 1.0, "not in equilibrium"), (1.0, -1.0, "unstable: the lowest eigenvalue of K is -")],
@@ -63,6 +65,7 @@ def test_a_wrong_solve_reported_as_success_is_found(monkeypatch, of_state, of_ta
     assert said in found(solves.solves(), solves.check_solve)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("owner", "method", "held", "said"),
     [(VelocityVerletStepper, "step", "nothing", "linear momentum of"), (EnergyMomentum, "update", "a node", "energy of")],
@@ -80,6 +83,7 @@ def test_a_motion_that_loses_a_thousandth_of_its_velocity_is_found(monkeypatch, 
     assert said in story and "is lost" in story
 
 
+@pytest.mark.slow
 def test_a_motion_with_a_spurious_spin_is_found(monkeypatch):
     """The planted spin about the centre of mass leaves linear momentum unchanged."""
 
@@ -105,6 +109,7 @@ def with_kind(kind, drawn):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("bound", "method", "said"),
     [
@@ -134,15 +139,18 @@ def test_faults_of_contacts_are_found(monkeypatch, bound, method, said):
     assert said in found(drawn, bodies.check_body, 80)
 
 
+@pytest.mark.slow
 def test_a_body_in_another_one_and_a_result_of_another_time_are_found(monkeypatch):
     monkeypatch.setattr(solves, "crosses", lambda mesh, u: True)
     drawn = solves.motions(with_kind("two bodies", bodies.touching())).map(lambda one: replace(one, integrator=EnergyMomentum))
     assert "surfaces cross" in found(drawn, solves.check_motion)
-    monkeypatch.setattr(programs, "set_time", lambda terms, t: None)
+    right = RigidContactWithHistory.at
+    monkeypatch.setattr(RigidContactWithHistory, "at", lambda one, *given: vars(one).setdefault("_memo", right(one, *given)))
     drawn = programs.programs(with_kind("plane", bodies.touching(2)))
     assert "of a fresh system" in found(drawn, lambda drawn: programs.run_program(*drawn), 200)
 
 
+@pytest.mark.slow
 def test_foreign_errors_and_errors_without_an_explanation_are_found(monkeypatch, tmp_path):
     drawn, check = study.families(tmp_path)["mesh files"]
 
@@ -159,6 +167,7 @@ def test_foreign_errors_and_errors_without_an_explanation_are_found(monkeypatch,
     assert "expected an explanation" in found(drawn, check)
 
 
+@pytest.mark.slow
 def test_an_endless_case_is_found():
     def endless():
         while True:

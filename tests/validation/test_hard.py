@@ -105,6 +105,7 @@ def test_flat_elements_are_no_success():
     assert any("flat" in fault for fault in judge.faults_of(system, flat, 1e-6))
 
 
+@pytest.mark.slow
 def test_a_default_without_an_explanation_is_detected(monkeypatch):
     """A default that ends early without the required words fails the claims."""
 
@@ -151,6 +152,7 @@ def test_real_eigenvalues_of_a_matrix_that_is_not_symmetric_are_counted():
     assert judge.real_not_positive(K) == 1 and judge.real_not_positive(K + 1.5 * np.eye(5)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["press a column whose head is held", "press an arch"])
 def test_a_default_that_assumes_stability_is_detected(monkeypatch, name):
     monkeypatch.setattr(solve, "stability_of", lambda problem, u, t: stability.Verdict(True, None))

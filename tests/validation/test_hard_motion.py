@@ -33,7 +33,7 @@ SAYS_INSIDE_OUT, SAYS_ENERGY = (
 )
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "scene",
     [*(slow(scene) if scene.name in LONG else scene for scene in QUICK), *map(slow, QUADRATIC)],
@@ -60,12 +60,14 @@ def test_an_integrator_that_ignores_inversion_is_detected(monkeypatch, beginning
     assert [failure for failure in study.failures(study.row_of(scene)) if "eq. 9: reported as success" in failure]
 
 
+@pytest.mark.slow
 def test_an_integrator_that_loses_energy_without_a_warning_is_detected(monkeypatch):
     monkeypatch.setattr("skfem_stvk.solvers.dynamics.loop.REPORTED", np.inf)
     scene = a_scene("crack a whip")
     assert methods.run(scene, "backward Euler").verdict is Verdict.WRONG
 
 
+@pytest.mark.slow
 def test_a_required_method_that_is_not_right_is_detected(monkeypatch):
     monkeypatch.setitem(methods.METHODS, "energy-momentum", methods.METHODS["backward Euler"])
     scene = replace(a_scene("crush a block by 25 %"), methods=("energy-momentum",))
@@ -121,6 +123,7 @@ def test_no_method_reports_success_for_a_block_inverted_by_shaking():
     assert ends["forward Euler, dt=None"] == ends["eq. 9"] == "reached the end, but with inverted elements"
 
 
+@pytest.mark.slow
 def test_a_reported_success_with_inverted_elements_is_detected(monkeypatch):
     monkeypatch.setattr(
         "skfem_stvk.solvers.newton.outcome.Status.success", property(lambda self: self in (Status.FINISHED, Status.ENDED_INVERTED))
@@ -134,7 +137,7 @@ def test_a_reported_success_is_wrong_if_there_is_no_right_motion(landing):
     assert judge.judged(system, motion.u, motion.v, True, "", endings.none(0.1)).why == "no right motion"
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     ("make", "inverted"),
     [
@@ -156,6 +159,7 @@ def test_quadratic_elements_invert_at_the_times_in_the_table():
     assert verlet.followed(DROPPED, False, UNTIL, 2000, 2).inverted == np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "volume"), [(DROPPED, False), (DROPPED, True), (STRETCHED, True)])
 def test_tiny_steps_of_quadratic_elements_are_small_enough(make, volume):
     """With half of the steps, the change is far below the limit of the judge."""
@@ -179,6 +183,7 @@ def test_the_reference_agrees_with_the_package_for_weight_supports_and_velocitie
         assert motion.energy == pytest.approx(run.ledger["total_energy"][-1], rel=1e-2)
 
 
+@pytest.mark.slow
 def test_tiny_steps_are_small_enough():
     """With half of the steps, the change is far below the limit of the judge."""
     for scene in QUICK:
@@ -193,6 +198,7 @@ def test_tiny_steps_are_small_enough():
             assert error < 0.1 * endings.LIMIT and (error == 0) == (part == steps)
 
 
+@pytest.mark.slow
 def test_a_core_of_1e5_pa_is_as_rigid_as_one_of_1e4_pa():
     """A core of 1e5 Pa may therefore replace one of 1e9 Pa in the reference."""
     bodies = [verlet.followed(partial(_between, young), True, 1.0, 1000) for young in (1e5, 1e4)]

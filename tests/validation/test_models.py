@@ -9,6 +9,7 @@ from validation.models.models import MODELS, NEO_HOOKEAN, TRUE
 from validation.models.studies import at_rest, costs, in_motion
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("trial", [bars.BENT, bars.TWISTED], ids=lambda trial: trial.name)
 def test_every_model_is_compared_at_rest(trial):
     study = at_rest(trial, quick=True)
@@ -41,6 +42,7 @@ def test_a_path_that_ended_early_has_an_infinite_error():
     assert motions.off(path, path) == 0 and motions.off(lost, path) == np.inf
 
 
+@pytest.mark.slow
 def test_costs_are_measured_of_every_model():
     study = costs(quick=True)
     assert {row[0] for row in study.rows} == {model.name for model in MODELS} and study.claim == ""

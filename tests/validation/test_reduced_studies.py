@@ -5,6 +5,7 @@ import pytest
 from validation.reduced import against_full, cables, membranes
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("study", [against_full.at_rest, against_full.in_motion])
 def test_derivatives_reduce_the_error_of_modes(study):
     (found,) = study(True)
@@ -20,6 +21,7 @@ def test_modes_instead_of_derivatives_do_not_reduce_the_error(monkeypatch):
     assert not found.passed
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "study", [cables.hanging_cable, cables.cable_net, cables.inflated_sphere, membranes.clamped_disc, membranes.sheared_sheet]
 )
@@ -37,6 +39,7 @@ def test_another_law_of_the_cables_is_detected(monkeypatch):
     assert not found.passed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "value"), [("STRETCH", 1.51), ("POISSON", 0.31)])
 def test_a_sphere_of_another_law_is_detected(monkeypatch, name, value):
     """A sphere whose numbers differ from those of the closed form is detected."""
@@ -55,6 +58,7 @@ def test_a_sphere_of_another_law_is_detected(monkeypatch, name, value):
     assert not found.passed
 
 
+@pytest.mark.slow
 def test_other_loads_on_the_net_are_detected(monkeypatch):
     right = cables.NodalLoad
     monkeypatch.setattr(cables, "NodalLoad", lambda nodes, force: right(nodes, force * 1.0001))
@@ -62,6 +66,7 @@ def test_other_loads_on_the_net_are_detected(monkeypatch):
     assert not found.passed
 
 
+@pytest.mark.slow
 def test_only_the_mean_of_the_force_conserves_energy(monkeypatch):
     from skfem_stvk.solvers.dynamics import step_matrix
 
@@ -74,6 +79,7 @@ def test_only_the_mean_of_the_force_conserves_energy(monkeypatch):
     assert not found.passed
 
 
+@pytest.mark.slow
 def test_a_tension_field_of_another_law_is_detected(monkeypatch):
     """A tension field with the factor `1/(1 - nu^2)` of plane stress is detected."""
     right = membranes.tension_field

@@ -56,7 +56,7 @@ def test_the_laws_cases_are_homogeneous_states(case):
 # the studies
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize(
     "study",
     [
@@ -83,6 +83,7 @@ def test_another_bar_is_detected(monkeypatch):
     assert "distance from the path" in failures[0] and "limit point at" in failures[1]
 
 
+@pytest.mark.slow
 def test_a_wrong_moment_of_inertia_is_detected(monkeypatch):
     monkeypatch.setattr(column, "FINE", (2, 4))
     wrong_load = property(lambda body: np.pi**2 * column.YOUNG * body.height**3 / 11.9 / 4)
@@ -91,6 +92,7 @@ def test_a_wrong_moment_of_inertia_is_detected(monkeypatch):
     assert any("thin columns" in failure for failure in failures)
 
 
+@pytest.mark.slow
 def test_another_mode_is_detected():
     body = column.Column(20, 2)
     deflection = np.zeros((body.mesh().nv, 2))
@@ -101,6 +103,7 @@ def test_another_mode_is_detected():
     assert column.mode_error(body, SimpleNamespace(mode=deflection.ravel())) > 0.01
 
 
+@pytest.mark.slow
 def test_another_elastica_is_detected(monkeypatch):
     right = post_buckling.elastica
     monkeypatch.setattr(post_buckling, "SLENDER", (10, 20))
@@ -109,6 +112,7 @@ def test_another_elastica_is_detected(monkeypatch):
     assert any("of thin columns" in failure for failure in post_buckling.post_buckling(quick=True).failures)
 
 
+@pytest.mark.slow
 def test_another_law_is_detected(monkeypatch):
     monkeypatch.setattr(law, "CASES", [law.CASES[1]._replace(modulus=lambda nu: (1 + 1e-7) * law.confined(nu))])
     assert len(law.law().failures) == len(law.POISSON)

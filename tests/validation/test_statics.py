@@ -85,11 +85,13 @@ def test_a_wrong_modulus_is_detected(monkeypatch):
     assert max(errors) > homogeneous.LIMIT
 
 
+@pytest.mark.slow
 def test_turek_and_hrons_reference_is_reproduced():
     study = turek_hron.turek_hron(quick=True)
     assert study.passed, study.failures
 
 
+@pytest.mark.slow
 def test_a_straight_clamp_is_detected(monkeypatch):
     monkeypatch.setattr(turek_hron, "flag", lambda a, b: (0.25 + a * 0.35, 0.19 + 0.02 * b))
     monkeypatch.setattr(turek_hron, "CASES", turek_hron.CASES[:1])
@@ -102,6 +104,7 @@ def test_the_manufactured_solution_converges():
     assert study.passed, study.failures
 
 
+@pytest.mark.slow
 def test_a_wrong_body_force_is_detected(monkeypatch):
     right = manufactured.body_force
     monkeypatch.setattr(manufactured, "body_force", lambda x, t: 1.3 * right(x, t))

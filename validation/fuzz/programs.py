@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.sparse import issparse
 
 from skfem_stvk import StvkError, System
-from skfem_stvk.terms.protocols import set_time
 
 from .bodies import Recipe, made, recipes, states
 
@@ -38,7 +37,6 @@ CALLS: dict[str, Call] = {
     "copied": lambda s, u, v: deepcopy(s).internal_force(u),
     "round_off": lambda s, u, v: s.round_off(u),
     "mass": lambda s, u, v: s.mass(),
-    "parts": lambda s, u, v: s.parts(),
     "inside_out": lambda s, u, v: s.inside_out(u),
     "step_limit": lambda s, u, v: s.step_limit(u, v),
     "smallest_volume_ratio": lambda s, u, v: s.smallest_volume_ratio(u),
@@ -48,9 +46,6 @@ CALLS: dict[str, Call] = {
     "wrong length": lambda s, u, v: s.energy(u[:-1]),
     "not a number": lambda s, u, v: s.internal_force(u * np.nan),
 }
-
-#: Calls with a load factor. Before the other ones, terms that move are set to their place at `TIME`.
-WITH_TIME, TIME = ("external_force", "potential", "residual", "jacobian", "energies"), 0.4
 
 
 @st.composite
@@ -86,8 +81,6 @@ def _result(system: System, recipe: Recipe, name: str, state: int) -> tuple[Any,
     u = states(recipe, system)[state]
     v = np.random.default_rng([recipe.seed, 3]).standard_normal(system.ndofs)
     before = u.tobytes(), v.tobytes()
-    if name not in WITH_TIME:
-        set_time(system.bound_terms, TIME)
     try:
         returned = CALLS[name](system, u, v)
         plain = _plain(returned)

@@ -59,7 +59,7 @@ class Mutant:
 
     def lines(self, source: bytes) -> tuple[str, str]:
         """Return the line of the fault, without indentation, before and after."""
-        before, after = (text.decode().splitlines()[self.line - 1].strip() for text in (source, self.planted(source)))
+        before, after = (text.splitlines()[self.line - 1].strip().decode() for text in (source, self.planted(source)))
         return before, after
 
     def probes(self) -> Iterator[tuple[int, str]]:

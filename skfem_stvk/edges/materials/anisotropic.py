@@ -4,25 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Protocol, TypeAlias, runtime_checkable
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ...arguments import Array, Quantity, real_array, shown
 from ...errors import MaterialError, name_ids
+from ...mesh import MeshLike
 from .material import FramedMaterial, constant
-
-
-@runtime_checkable
-class HasElements(Protocol):
-    """Mesh with the arrays that fibres need: nodes `p` (d, nv) and elements `t` (n, nt); scikit-fem's, or an `ElementMesh`."""
-
-    @property
-    def p(self) -> Array: ...
-    @property
-    def t(self) -> Array: ...
-
 
 #: A value for each of three axes or planes.
 Three: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike]
@@ -248,7 +238,7 @@ class TransverselyIsotropic(FramedMaterial):
         ).stiffness()
 
 
-def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], ArrayLike]) -> Array:
+def frames_along(mesh: MeshLike, directions: ArrayLike | Callable[[Array], ArrayLike]) -> Array:
     """Return frames with first axes along a field of directions.
 
     They are for fibres: `TransverselyIsotropic(..., frame=...)`. The other axes are at any right angles to the first, since they do
@@ -282,7 +272,7 @@ def frames_along(mesh: HasElements, directions: ArrayLike | Callable[[Array], Ar
     >>> frames.shape, bool(np.allclose(frames.transpose(0, 2, 1) @ frames, np.eye(2)))
     ((8, 2, 2), True)
     """
-    if isinstance(mesh, type) or not isinstance(mesh, HasElements):
+    if isinstance(mesh, type) or not (hasattr(mesh, "p") and hasattr(mesh, "t")):
         raise MaterialError(f"frames_along: mesh = {shown(mesh)}; expected a mesh of scikit-fem or an ElementMesh.")
     (d, nv), nt = mesh.p.shape, mesh.t.shape[1]
     if d == 1:

@@ -26,7 +26,7 @@ class AtRest:
         self.solver: LinearSolver = direct(n) if n <= MANY else choose("auto", n, Kind.SYMMETRIC)
         self._tangent = FreeTangent(body, self.solver, Kind.SYMMETRIC)
         self.free = self._tangent.free.free
-        self.K = self._tangent.restricted(self._tangent.matrix(np.zeros(body.ndofs), None))
+        self.K = self._tangent.restricted(self._tangent.matrix(np.zeros(body.ndofs), 0.0, follows=False))
         self._factors: Factors = self._tangent.factorise(self.K)
 
     def solve(self, force: Array) -> Array:

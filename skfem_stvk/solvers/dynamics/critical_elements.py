@@ -18,8 +18,6 @@ from ...system import System
 from ...system.bound import BoundTerms
 from ...system.pattern import Pattern
 from ...system.protocol import checked_whole
-from ...terms import HasStress
-from ...terms.protocols import HasPressure
 
 #: Number of elements whose eigenvalues are computed together; their matrices take a few megabytes.
 AT_ONCE = 4096
@@ -103,7 +101,7 @@ def critical_elements(system: System, n: int = 5, *, u: ArrayLike | None = None)
     x = np.zeros(system.mesh.p.T.shape) if u is None else by_vertex(system.mesh, u).astype(np.float64)
     system.mass()  # refuses bodies without mass
     on_mesh = [any(term is one for one in system.body.terms) for term in system.elastic_terms]
-    chosen = [good and isinstance(term, HasStress | HasPressure) for term, good in zip(system.elastic_terms, on_mesh, strict=True)]
+    chosen = [good and (term.is_law or term.has_pressure) for term, good in zip(system.elastic_terms, on_mesh, strict=True)]
     names = zip(system.elastic_names, chosen, strict=True)
     if not any(chosen):
         raise StvkError(

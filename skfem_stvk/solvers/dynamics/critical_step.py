@@ -15,8 +15,7 @@ from ...space import Space
 from ...system import System, TangentOperator
 from ...system.mass import Mass
 from ...system.protocol import checked_system
-from ...terms.loads.load import Moment
-from ...terms.protocols import Assumed
+from ...terms.loads.load import APART, Assumed, Moment
 from .damping import Damping, damping_factors
 
 #: Largest number of estimates with damping, and the relative change of the step at which they end.
@@ -90,7 +89,7 @@ class LargestFrequency:
         self._at_rest: TangentOperator | None = None
 
     def at(self, u: ArrayLike, t: float = 0.0) -> CriticalStep:
-        """Return the critical step at displacements `u` (ndofs,) [m], with the follower loads at time `t` [s].
+        """Return the critical step at displacements `u` (ndofs,) [m] and time `t` [s].
 
         Raises
         ------
@@ -120,30 +119,28 @@ class LargestFrequency:
         def estimate(K: TangentOperator) -> float:
             return elastic(K) + loads
 
-        square = estimate(self._prepared(u, np.inf))
+        square = estimate(self._prepared(u, t, np.inf))
         step = _root(square, alpha + (beta + tau) * square)
         if beta + tau == 0 or square == 0:
             return square, step
         for _ in range(MOST):
-            largest = estimate(self._prepared(u, step))
+            largest = estimate(self._prepared(u, t, step))
             before, excess = step, (step**2 * largest + 2 * step * alpha) / 4
             step = _root(square, alpha + max(largest - square, 0.0) * step / 2)
             if abs(step - before) <= PRECISION * step:
                 break
         return square, min(step, before / max(excess, 1.0))
 
-    def _prepared(self, u: ArrayLike, step: float) -> TangentOperator:
+    def _prepared(self, u: ArrayLike, t: float, step: float) -> TangentOperator:
         """Return `K + 2/T (beta K0 + tau K_GN)` at `u` as an operator. `K_GN` has the terms with a damping force only."""
         tau_share, beta_share = 2 * self._damping.tau / step, 2 * self._damping.beta / step
-        retained = ALL._replace(damped=1 + tau_share)
-        with self._system.assuming(Assumed.TOUCHING):
-            if self._operator is None:
-                self._operator = self._system.linear_operator(u, kept=retained)
-            else:
-                self._operator.prepare(u, kept=retained)
+        retained, touching = ALL._replace(damped=1 + tau_share), Moment(t, 1.0, contact=Assumed.TOUCHING)
+        if self._operator is None:
+            self._operator = self._system.linear_operator(u, kept=retained, t=touching)
+        else:
+            self._operator.prepare(u, kept=retained, t=touching)
         if beta_share and self._at_rest is None:
-            with self._system.assuming(Assumed.APART):
-                self._at_rest = self._system.linear_operator(np.zeros(self._system.ndofs))
+            self._at_rest = self._system.linear_operator(np.zeros(self._system.ndofs), t=APART)
         if beta_share and self._at_rest is not None:
             self._operator.scale_and_add(1.0, [(beta_share, self._at_rest)])
         return self._operator

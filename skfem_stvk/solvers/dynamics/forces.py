@@ -14,12 +14,18 @@ from ...mesh.displacements import array_to_fill, by_vertex
 from ...system import System, TangentOperator
 from ...system.operator import refuse_overflow
 from ...terms import is_load
-from ...terms.loads.load import Time
-from ...terms.protocols import Assumed
+from ...terms.loads.load import Assumed, Moment, Time
 
 
 def add_mean_force(
-    system: System, u0: Array, u1: Array, out: Array, *, weights: tuple[float, float] = (0.5, 0.5), theta: float = 0.5
+    system: System,
+    u0: Array,
+    u1: Array,
+    out: Array,
+    *,
+    weights: tuple[float, float] = (0.5, 0.5),
+    theta: float = 0.5,
+    t: Time = 0.0,
 ) -> float:
     """Add the mean force of two states to `out` (ndofs,) [N].
 
@@ -47,7 +53,7 @@ def add_mean_force(
 
     def add(x: Array, y: Array, force: Array) -> float:
         R = 0.0
-        for term in system.bound_terms:
+        for term in system.terms_at(t):
             R += term.mean_force(x, y, weights, theta, force)
         return R
 
@@ -149,21 +155,21 @@ class StartTensions:
         if self._version != self._system.pattern_version:
             difference, without, self._version = None, None, self._system.pattern_version
         if self._matrices_for != retained or difference is None:
-            with self._system.assuming(Assumed.APART):
-                difference = self._system.jacobian(self._u0, t, out=difference, kept=retained)
-                without = self._system.jacobian(self._u0, t, out=without, kept=NONE)
+            apart = Moment.of(t).assuming(Assumed.APART)
+            difference = self._system.jacobian(self._u0, apart, out=difference, kept=retained)
+            without = self._system.jacobian(self._u0, apart, out=without, kept=NONE)
             difference.data -= without.data
             self._matrices, self._matrices_for = [difference, without], retained
         values: Array = difference.data
         return values
 
-    def operators(self, retained: Tensions) -> list[tuple[float, TangentOperator]]:
+    def operators(self, t: Time, retained: Tensions) -> list[tuple[float, TangentOperator]]:
         """Return factors and operators, in the form that `TangentOperator.scale_and_add` takes."""
-        with self._system.assuming(Assumed.APART):
-            if not self._operators:
-                self._operators = [self._system.linear_operator(self._u0, kept=which) for which in (retained, NONE)]
-            elif self._operators_for != retained:
-                for operator, which in zip(self._operators, (retained, NONE), strict=True):
-                    operator.prepare(self._u0, kept=which)
+        apart = Moment.of(t).assuming(Assumed.APART)
+        if not self._operators:
+            self._operators = [self._system.linear_operator(self._u0, kept=which, t=apart) for which in (retained, NONE)]
+        elif self._operators_for != retained:
+            for operator, which in zip(self._operators, (retained, NONE), strict=True):
+                operator.prepare(self._u0, kept=which, t=apart)
         self._operators_for = retained
         return list(zip((1.0, -1.0), self._operators, strict=True))

@@ -150,7 +150,14 @@ class Inputs:
         if not self.shapes:
             return body
         assert isinstance(body, System)  # bodies on a basis have no contacts
-        return body.with_moved_shapes({name: MovedShape(self, self.known[name].part) for name in self.shapes})
+        return body.with_terms(
+            [
+                term.moved_by(MovedShape(self, self.known[term.name].part))
+                if isinstance(term, BoundRigidContact) and term.name in self.shapes
+                else term
+                for term in body.bound_terms
+            ]
+        )
 
     def displacements(self, t: float) -> Array:
         """Return the displacements of the `moved` entries at time `t` [m]."""

@@ -17,7 +17,7 @@ from ...mesh.locations import Where, vertices_at
 from ...results.reactions import ReactionPlace
 from ...system import System
 from ...system.coordinates import Coordinates
-from ...terms.protocols import CanPenetrate
+from ...terms.loads.rigid_contact import BoundRigidContact
 from ..runs.ledger import Ledger
 from .motion import Motion
 from .record import MotionState
@@ -86,13 +86,13 @@ def column_names(
         *(
             f"contact {contact.name} {column}"
             for contact in contacts
-            for column in (*axes, *(("gap",) if isinstance(contact, CanPenetrate) else ()))
+            for column in (*axes, *(("gap",) if isinstance(contact, BoundRigidContact) else ()))
         ),
     )
 
 
 def _has_friction(body: System | Coordinates) -> bool:
-    return isinstance(body, System) and any(contact.has_friction for contact in body.working_contacts)
+    return isinstance(body, System) and any(contact.has_friction for contact in body.contacts)
 
 
 def columns_without_value(system: System) -> list[str]:
@@ -204,7 +204,7 @@ class LedgerWriter:
             np.copyto(self._v, state.v)
             self._driving_force = self.motion.driving_force(state.u, state.t)
             if self.motion.system.without_energy and not self._mean:
-                self._driving_force += self.motion.force_without_energy(state.u)
+                self._driving_force += self.motion.force_without_energy(state.u, state.t)
 
     def add_work(self, state: MotionState) -> None:
         """Add the work of driving forces and the energy lost to damping since the previous state."""
@@ -214,13 +214,13 @@ class LedgerWriter:
         self.dissipated += motion.dissipated(self._u, state.u, state.t - since)
         change = state.u - self._u
         if motion.system.without_energy and self._mean:
-            self.external += motion.states.dot(motion.force_without_energy(self._u + change / 2), change)
+            self.external += motion.states.dot(motion.force_without_energy(self._u + change / 2, state.t), change)
         if motion.moving:  # prescribed degrees of freedom do not move with the mean of their velocities
             fixed = motion.free.fixed
             impulse, apart = motion.mass.multiply(state.v - self._v), (state.v + self._v) / 2 - change / (state.t - since)
             dot_fixed = motion.states.on(fixed).dot
             self.external += dot_fixed(state.reaction[fixed], change[fixed]) + dot_fixed(impulse[fixed], apart[fixed])
-        for term in motion.system.working_contacts:
+        for term in motion.system.contacts_at(motion.moment(state.t)):
             u0, u1 = (by_vertex(motion.system.mesh, u) for u in (self._u, state.u))
             work, lost = term.work(u0, u1)
             self.external, self.dissipated, self.friction = self.external + work, self.dissipated + lost, self.friction + lost
@@ -240,7 +240,7 @@ class LedgerWriter:
         balance = Balance.of(kinetic, strain_energy, potential, self.external, self.dissipated + self.removed, self._first)
         if self._first is None:
             self._first = balance.total_energy
-        row = [state.t, kinetic, strain_energy, *motion.term_energies(state.u)]
+        row = [state.t, kinetic, strain_energy, *motion.term_energies(state.u, state.t)]
         inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
         optional = *([self.friction] if self._has_friction else []), *([self.removed] if self._removing else [])
         row += [potential, self.external, self.dissipated, *optional, *balance, inside_out]
@@ -252,9 +252,9 @@ class LedgerWriter:
             forces = motion.ground_forces(state, times, self._dt, self._mean)
             for place in self._reactions:
                 row += list(mesh.space.comm.total(place.forces(forces).sum(axis=0)))
-        for contact, force in zip(motion.system.contacts, state.forces, strict=False):
+        for contact, force in zip(motion.system.contacts_at(motion.moment(state.t)), state.forces, strict=False):
             row += list(force.reshape(-1, mesh.d)[contact.nodes].sum(axis=0))
-            if isinstance(contact, CanPenetrate):
+            if isinstance(contact, BoundRigidContact):
                 row.append(contact.smallest_gap(by_vertex(mesh, state.u)))
         for column in self._without_value:
             row[column] = nan
@@ -274,7 +274,7 @@ class LedgerWriter:
 
     def _total_energy(self, state: MotionState) -> float:
         potential = self.motion.add_up(state, self._sums)
-        return float(self._sums[0]) / 2 + potential + self.motion.energy(state.u)
+        return float(self._sums[0]) / 2 + potential + self.motion.energy(state.u, state.t)
 
     def set_inside_out(self, number: float) -> None:
         """Write the number of inverted elements to the last row."""

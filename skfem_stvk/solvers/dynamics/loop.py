@@ -8,16 +8,15 @@ from ...errors import StateError, warn
 from ...linear.choose import header_text
 from ...results.complete_files import WriteError
 from ...results.monitors import Finding, Monitors
+from ...results.penetration import contact_findings, start_within
 from ...system.divided import parts_line
-from ...terms.protocols import CanPenetrate
+from ...terms.loads.rigid_contact import BoundRigidContact
 from ...units import UnitSystem, remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
-from .contact_findings import contact_findings, start_within
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
 from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
-from .motion_outputs import Outputs
-from .motion_progress import MotionProgress
+from .motion_outputs import MotionProgress, Outputs
 from .options import Setup
 from .record import MotionState, RunRecord
 from .removal import Removal, removal_text
@@ -185,9 +184,10 @@ class Loop:
 
     def _result(self, status: Status, detail: str, cause: BaseException | None) -> Run:
         setup, record = self.setup, self.record
-        setup.motion.body.return_to(record.history)
+        setup.motion.begin_step(record.history)
         u, v = (setup.motion.states.expand(x) for x in (record.state.u, record.state.v))
-        findings = (*self._monitors.at(u), *contact_findings(setup.motion.system, record.ledger, u))
+        moment = setup.motion.moment(record.state.t)
+        findings = (*self._monitors.at(u), *contact_findings(setup.motion.system, record.ledger, u, moment))
         if status is Status.FINISHED and any(finding.name == "inside out" for finding in findings):
             status = Status.ENDED_INVERTED
         message = self._units.text(self._message(status, detail, cause, findings))
@@ -248,7 +248,7 @@ class Loop:
         speed = np.sqrt((v**2).sum(axis=1))
         along = speed * (v @ mesh.extent) if mesh.k == mesh.d else speed**2  # speed^2 times the height
         impact = system.space.comm.most(float(np.sqrt(per_size * along.max(initial=0.0))))
-        return "".join(one.too_soft(impact) for one in system.contacts if isinstance(one, CanPenetrate))
+        return "".join(one.too_soft(impact) for one in system.contacts if isinstance(one, BoundRigidContact))
 
     def _time(self, t: float) -> str:
         return f"t = {t:.6g} {self._units.of('s')}"

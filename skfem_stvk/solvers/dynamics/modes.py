@@ -23,7 +23,7 @@ from ...system import System
 from ...system.free_tangent import SYMMETRIC, with_loads
 from ...system.mass import Mass
 from ...system.protocol import checked_whole
-from ...system.rigid import motions
+from ...system.rigid import motions, parts_of_body
 from .critical_step import bound_on_eigenvalues
 from .shift_invert import ShiftedProblem, lowest_vectors, nearest_vectors
 
@@ -263,7 +263,7 @@ def _rigid_part(system: System, mass: Mass, u: Array, shapes: Array) -> Array:
     """
     mesh = system.mesh
     where = mesh.p.T + u.reshape(-1, mesh.d)
-    part = system.parts()
+    part = parts_of_body(system)
     is_constrained = np.zeros(system.ndofs, dtype=bool)
     is_constrained[system.supports.held] = True
     found, all_of_it = np.zeros(len(shapes)), np.array([x @ mass.multiply(x) for x in shapes])

@@ -16,8 +16,7 @@ from ...space import Space
 from ...system import System
 from ...system.coordinates import CoordinateMass, Coordinates
 from ...terms import BoundLoad
-from ...terms.loads.load import Moment
-from ...terms.protocols import Assumed, set_time
+from ...terms.loads.load import APART, Moment, StepStart
 from .at_rest import AtRest
 from .damping import Damping, damping_factors
 from .forces import add_damping_force, add_secant_damping
@@ -38,7 +37,8 @@ class Motion:
     States `u` of the body are vectors of the space `states`, and `states.expand(u)` returns displacements (ndofs,). For a `System`,
     states are displacements, so vectors are (ndofs,). For a body on a basis, they are coordinates (m,). If its loads are constant
     and dead, a step then costs as much as its m x m matrices, for any mesh. `system` is the body with all its displacements.
-    `inputs` are displacements and forces that a `Simulation` sets from step to step; None if the motion has none.
+    `inputs` are displacements and forces that a `Simulation` sets from step to step; None if the motion has none. `step` is the
+    beginning of the present step, which the terms with history need at each of its times.
     """
 
     def __init__(self, body: System | Coordinates, mass: str | None, damping: Damping | None, inputs: Inputs | None = None) -> None:
@@ -51,6 +51,11 @@ class Motion:
         self.moving = self.system.space.comm.any(self.system.supports.prescribed.size > 0)
         self._has_several_terms = len(body.elastic_names) > 1
         self._force, self._Mv, self._pushed = (np.zeros(self.states.n) for _ in range(3))
+        self.begin_step(self.body.first_history())
+
+    def begin_step(self, history: tuple[Array, ...], predicted: Array | None = None) -> None:
+        """Begin a step with this history of the terms, and friction that is linear at displacements `predicted` (nv, d) if given."""
+        self.step = StepStart(history, in_time=True, predicted=predicted) if history else None
 
     @property
     def states(self) -> Space:
@@ -73,20 +78,20 @@ class Motion:
         for name in ("at_rest", "constant_loads"):
             self.__dict__.pop(name, None)
 
-    def energy(self, u: Array) -> float:
+    def energy(self, u: Array, t: float) -> float:
         """Return the strain energy [J] of the terms that have one."""
-        return sum((energy for energy in self.body.elastic_energies(u) if not isnan(energy)), 0.0)
+        return sum((energy for energy in self.body.elastic_energies(u, self.moment(t)) if not isnan(energy)), 0.0)
 
-    def energy_and_force(self, u: Array, out: Array) -> float:
+    def energy_and_force(self, u: Array, moment: Moment, out: Array) -> float:
         """Return the strain energy of `energy` [J], and write the internal force [N] to `out`."""
         if not self.body.without_energy:
-            return self.body.energy_and_force(u, out=out)[0]
-        np.copyto(out, self.body.internal_force(u))
-        return self.energy(u)
+            return self.body.energy_and_force(u, out, moment)[0]
+        np.copyto(out, self.body.internal_force(u, moment))
+        return self.energy(u, moment.time)
 
-    def term_energies(self, u: Array) -> list[float]:
+    def term_energies(self, u: Array, t: float) -> list[float]:
         """Return the strain energies [J] of the elastic terms if there are several; NaN for a term without an energy."""
-        return self.body.elastic_energies(u) if self._has_several_terms else []
+        return self.body.elastic_energies(u, self.moment(t)) if self._has_several_terms else []
 
     @property
     def driven(self) -> bool:
@@ -99,7 +104,6 @@ class Motion:
             return np.zeros(self.states.n)
         system, moment = self.system, self.moment(t)
         x, force = by_vertex(system.mesh, self.states.expand(u)), np.zeros(system.mesh.p.T.shape)
-        set_time(system.bound_terms, moment)
         for load in system.bound_loads:
             if not _keeps_energy(load):
                 load.add_force(x, moment, force)
@@ -108,10 +112,10 @@ class Motion:
             self.inputs.add_forces(t, driving)
         return driving
 
-    def force_without_energy(self, u: Array) -> Array:
+    def force_without_energy(self, u: Array, t: float) -> Array:
         """Return the force [N] of the terms without energy on the body."""
         internal = np.zeros(self.system.mesh.p.T.shape)
-        for term in self.system.bound_terms:
+        for term in self.system.terms_at(self.moment(t)):
             if not term.has_energy:
                 term.energy_and_force(by_vertex(self.system.mesh, self.states.expand(u)), internal)
         return -self.states.restrict(self.system.space.share(internal).ravel())
@@ -139,8 +143,7 @@ class Motion:
     @cached_property
     def at_rest(self) -> Any:
         """Tangent stiffness K(0) of the body at rest, without contacts, for products `K @ v`."""
-        with self.system.assuming(Assumed.APART):
-            return self.body.linear_operator(np.zeros(self.states.n))
+        return self.body.linear_operator(np.zeros(self.states.n), t=APART)
 
     @property
     def damped(self) -> bool:
@@ -148,8 +151,8 @@ class Motion:
         return bool(self.alpha or self.beta or self.tau)
 
     def moment(self, t: float) -> Moment:
-        """Return the time `t` [s] with load factor 1, and the kind of masses on which gravity acts."""
-        return Moment(t, 1.0, self.mass.kind)
+        """Return the time `t` [s] of the present step with load factor 1, and the kind of masses on which gravity acts."""
+        return Moment(t, 1.0, self.mass.kind, self.step)
 
     def constrained_displacements(self, t: float) -> Array:
         """Return the displacements of the constrained degrees of freedom, or the prescribed coordinates [m]."""
@@ -187,8 +190,7 @@ class Motion:
     @cached_property
     def constant_loads(self) -> Array | None:
         """Loads [N] if they depend neither on time nor on displacements, otherwise None."""
-        changing = any(term.takes_time for term in self.system.bound_terms)
-        if changing or not all(load.steady and load.dead for load in self.system.bound_loads):
+        if not all(load.steady and load.dead for load in self.system.bound_loads):
             return None
         loads = self.body.external_force(np.zeros(self.states.n), self.moment(0.0))
         loads.flags.writeable = False
@@ -218,9 +220,10 @@ class Motion:
         if self.beta:
             out += self.beta * (self.at_rest @ v)
 
-    def force(self, u: Array, v: Array, t: float) -> Array:
-        """Return the net force `h - D v - F` [N] on the body."""
-        force = self.loads(u, t) - self.body.internal_force(u)
+    def force(self, u: Array, v: Array, t: float, friction: float = 1.0) -> Array:
+        """Return the net force `h - D v - F` [N] on the body, with a factor of friction."""
+        moment = self.moment(t).assuming(None, friction)
+        force = self.loads(u, t) - self.body.internal_force(u, moment)
         damping = np.zeros_like(force)
         self.add_damping(u, v, damping)
         return force - damping
@@ -238,8 +241,7 @@ class Motion:
 
     def store_forces(self, state: MotionState) -> None:
         """Store the forces of contacts and foundations on the body at the state in `state.forces`."""
-        mesh, contacts = self.system.mesh, self.system.contacts
-        set_time(self.system.bound_terms, self.moment(state.t))
+        mesh, contacts = self.system.mesh, self.system.contacts_at(self.moment(state.t))
         for contact, force in zip(contacts, state.forces, strict=False):
             force[:] = 0
             contact.energy_and_force(by_vertex(mesh, state.u), force.reshape(-1, mesh.d))

@@ -19,16 +19,16 @@ from ...results.complete_files import of_leader, output_folder
 from ...space import Space
 from ...system import System
 from ...system.signature import Fingerprint, Signature
-from ...terms.protocols import set_time
 from ..runs.archive import STRICT, FolderStore, check_lengths, refusing_damage, validated
 from ..runs.ledger import Ledger
-from ..runs.state_files import MOTION, MOTION_FILE
 from .damping import DampingFactors
 from .integrators import Integrator
 from .ledger_rows import REMOVED, LedgerLocations, column_names, columns_without_value, known_strain, known_total
 from .motion import Motion
-from .record import Counts, HierarchyOrigin, RunRecord, Snapshot
+from .record import RunRecord, RunState, Snapshot
 
+#: Name of its file.
+MOTION_FILE = "motion.npz"
 #: Shortest time between two checkpoints [s], and largest share of the run time that writing them may take.
 EVERY, SHARE = 5.0, 0.05
 #: Remedy for a file that cannot be resumed.
@@ -63,18 +63,11 @@ class MotionMethod:
 
 
 @dataclass
-class SavedMotion(Snapshot):
-    """Record of a checkpoint: the present state of a run, its last good state, its ledger and locations, and the series that it
-    saves.
-    """
+class SavedMotion(RunState):
+    """Record of a checkpoint: the state of a run, its ledger and locations, and the series that it saves."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
 
-    good: Snapshot | None  # None if the step length is user-supplied
-    origin: HierarchyOrigin | None  # origin of multigrid's hierarchy
-    removed: Ids  # removed elements, in order
-    removed_at: Annotated[Array, Stored(1, finite=False)]  # time of removal [s]; NaN before the run
-    counts: Counts  # iterations of all steps so far
     seconds: dict[str, Annotated[float, Within(-1.0)]]  # run time by part; "other" may be negative by rounding
     columns: list[str]  # names of the columns of the ledger
     rows: Annotated[Array, Stored(2, finite=False)]  # rows of the ledger
@@ -89,17 +82,13 @@ class SavedMotion(Snapshot):
 
     @classmethod
     def of(cls, record: RunRecord, locations: LedgerLocations, mesh: ElementMesh, *, found: bool, **others: Any) -> SavedMotion:
-        """Return the record of a run. `found`: whether the step length is found from the critical step. `others` are fields that
-        a run record does not have.
+        """Return the record of a run. The last good state is left out unless the step length is `found` from the critical step.
+        `others` are fields that a run record does not have.
         """
         good, reactions = record.good, locations.reactions
+        older = found and good is not None and good.steps < record.steps
         return cls(
-            **vars(record.snapshot()),
-            good=good if found and good is not None and good.steps < record.steps else None,
-            origin=record.origin,
-            removed=record.removed,
-            removed_at=record.removed_at,
-            counts=record.counts,
+            **(record.parts | {"good": good if older else None}),
             columns=list(record.ledger.names),
             rows=record.ledger.rows(),
             probes={name: _in_whole_mesh(mesh, ids) for name, ids in locations.probes.items()},
@@ -110,8 +99,7 @@ class SavedMotion(Snapshot):
 
     def record(self, ledger: Ledger) -> RunRecord:
         """Return the record of the run, with its ledger."""
-        run = {"good": self.good, "origin": self.origin, "removed": self.removed, "removed_at": self.removed_at}
-        record = RunRecord(**vars(self.snapshot()), **run, ledger=ledger, counts=self.counts)  # type: ignore[arg-type]
+        record = RunRecord(**self.parts, ledger=ledger)
         record.watch.add(self.seconds)
         return record
 
@@ -122,7 +110,7 @@ class MotionCheckpoint(FolderStore[SavedMotion]):
     States of the motion are vectors of the `space`. In a divided body, each part has a file of its own next to `motion.npz`.
     """
 
-    known, schema, remedy = MOTION, SavedMotion, START_AGAIN
+    known, schema, remedy = ("motion of skfem-stvk", 6), SavedMotion, START_AGAIN
 
     def __init__(self, folder: Path, space: Space | None = None) -> None:
         self.file, self._next = folder / MOTION_FILE, -np.inf
@@ -136,7 +124,7 @@ class MotionCheckpoint(FolderStore[SavedMotion]):
     def belongs_to(self, problem: Fingerprint, overwrite: bool) -> None:
         """Set the signature of the problem for the files to be written. Refuse to replace a file of another problem."""
         self.problem = problem
-        if self.file.exists() and not overwrite:
+        if self.exists and not overwrite:
             self.refuse_to_replace(self.file)
 
     def due(self, now: float) -> bool:
@@ -251,8 +239,7 @@ def _check_snapshot(then: Snapshot, ledger: Ledger, motion: Motion, integrator: 
     row = {"kinetic_energy": ledger["kinetic_energy"][then.steps], "strain_energy": known_strain(ledger)[then.steps]}
     kinetic = motion.states.dot(state.v, motion.mass.multiply(state.v)) / 2
     motion.body.return_to(then.history)
-    set_time(motion.system.bound_terms, motion.moment(state.t))
-    strain = motion.energy(state.u)
+    strain = motion.energy(state.u, state.t)
     for name, energy in (("kinetic_energy", kinetic), ("strain_energy", strain)):
         if not np.isclose(row[name], energy, rtol=ENERGY, atol=ENERGY**2 * (kinetic + abs(strain))):
             raise ValueError(f"its ledger ends with a {name} of {row[name]:g} J; its state has {energy:g} J")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from math import ceil, isfinite, nan, ulp
 from typing import Annotated, Any, TypeAlias
 
@@ -193,24 +193,36 @@ class Snapshot:
 
 
 @dataclass
-class RunRecord(Snapshot):
+class RunState(Snapshot):
+    """Present state of a run, and what a later run needs to continue from it in addition."""
+
+    good: Snapshot | None  # last good state, to which a run returns after a blow-up
+    counts: Counts  # iterations of the steps
+    origin: HierarchyOrigin | None  # origin of multigrid's hierarchy
+    removed: Ids  # removed elements, in order
+    removed_at: Annotated[Array, Stored(1, finite=False)]  # time of removal [s]; NaN before the run
+
+    @property
+    def parts(self) -> dict[str, Any]:
+        """Fields of a `RunState` by name."""
+        return {one.name: getattr(self, one.name) for one in fields(RunState)}
+
+
+@dataclass
+class RunRecord(RunState):
     """Complete record from which a run can continue: its present state, and the run so far.
 
     Counts and times cover the whole motion, including the part before a resume.
     """
 
     ledger: Ledger  # one row for each step, and one for the beginning
-    good: Snapshot | None = None  # last good state, to which a run returns after a blow-up
-    counts: Counts = field(default_factory=Counts)  # iterations of the steps
     watch: Stopwatch = field(default_factory=lambda: Stopwatch("write"))  # run time by part
-    origin: HierarchyOrigin | None = None  # origin of multigrid's hierarchy
-    removed: Ids = field(default_factory=lambda: np.empty(0, dtype=np.int64))  # removed elements, in order
-    removed_at: Array = field(default_factory=lambda: np.empty(0))  # time of removal [s]; NaN before the run
 
     @classmethod
     def at(cls, state: MotionState, ledger: Ledger, body: Any) -> RunRecord:
         """Return the record of a run that begins with this state of the body."""
-        return cls(state, Clock(state.t, 0.0), Reviews(), 0, 0, body.history(), ledger)
+        clock, removed = Clock(state.t, 0.0), (np.empty(0, dtype=np.int64), np.empty(0))
+        return cls(state, clock, Reviews(), 0, 0, body.first_history(), None, Counts(), None, *removed, ledger)
 
     def add_removed(self, elements: Ids, t: float) -> None:
         """Record that elements were removed at this time. The last good state is never older than the last removal."""

@@ -22,7 +22,7 @@ from ...terms.loads.load import Moment
 from ...terms.loads.rigid_shapes import RigidShape
 from ..newton.outcome import Status, with_remedy
 from ..runs.ledger import Ledger
-from ..runs.result import RunResult
+from ..runs.run_result import RunResult
 from .guards import relative_closure_error
 from .integrators import Integrator
 from .motion import Motion

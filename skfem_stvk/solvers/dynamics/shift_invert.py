@@ -49,7 +49,7 @@ class ShiftedProblem:
             raise StvkError(
                 f"Got mass = {mass.kind!r} with solver '{solver.name}', which forms no matrix; expected 'lumped' or another solver."
             )
-        self.system, self.mass, self.kind, self.u, self.shift, self._t = system, mass, kind, u, 0.0, t
+        self.system, self.mass, self.kind, self.u, self.shift, self.t = system, mass, kind, u, 0.0, t
         self._tangent = FreeTangent(system, solver, kind)
         self._tangent.position = u
         self.free, self.space = self._tangent.free, self._tangent.space
@@ -62,11 +62,15 @@ class ShiftedProblem:
     def matrices(self) -> tuple[Array, Array]:
         """Return K and M over the free degrees of freedom as dense arrays."""
         ids = np.ix_(self.free.free, self.free.free)
-        return self.system.jacobian(self.u, self._t).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
+        return self.system.jacobian(self.u, self.t).toarray().astype(np.float64)[ids], self.mass.matrix.toarray()[ids]
 
     def stiffness(self) -> Any:
         """Return K of all degrees of freedom, as a matrix or as an operator."""
-        return self.system.linear_operator(self.u) if self._tangent.solver.matrix_free else self.system.jacobian(self.u, self._t)
+        return (
+            self.system.linear_operator(self.u, t=self.t)
+            if self._tangent.solver.matrix_free
+            else self.system.jacobian(self.u, self.t)
+        )
 
     def inverse(self, shift: float) -> LinearOperator:
         """Return the operator `r -> (K + shift M)^-1 r`.
@@ -86,8 +90,8 @@ class ShiftedProblem:
     def _shifted(self) -> FreeOperator | csr_matrix:
         if self._tangent.solver.matrix_free:
             vertex = self.free.free // self.system.mesh.d
-            return FreeOperator(self._tangent.operator(self.u), self.free, self.shift * self.mass.vertex[vertex])
-        K = self._tangent.free_matrix(self.u, self._t)
+            return FreeOperator(self._tangent.operator(self.u, self.t), self.free, self.shift * self.mass.vertex[vertex])
+        K = self._tangent.free_matrix(self.u, self.t)
         self.mass.add_to(K, self.shift, self.free)
         return K
 
@@ -120,7 +124,7 @@ def first_shift(problem: ShiftedProblem) -> float:
     It is small compared with the lowest eigenvalues of a body that is about as long as thick, and large compared with round-off.
     """
     mesh = problem.system.mesh
-    bound = bound_on_eigenvalues(problem.system.linear_operator(problem.u), problem.mass.vertex)
+    bound = bound_on_eigenvalues(problem.system.linear_operator(problem.u, t=problem.t), problem.mass.vertex)
     return SHIFT * bound / mesh.nv ** (2 / mesh.k)
 
 

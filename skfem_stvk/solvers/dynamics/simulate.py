@@ -17,8 +17,8 @@ from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.divided import refuse_divided
 from ...system.protocol import ReducedLike, checked_system
+from ...system.system import for_analysis
 from ...terms.loads.load import Moment
-from ...terms.protocols import set_time
 from ..runs.ledger import Ledger
 from ..runs.outputs import OutputFiles
 from .damping import Damping
@@ -200,7 +200,7 @@ def checked_body(system: System | ReducedLike) -> System | Coordinates:
         return body
     if body.dtype != np.float64:
         raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
-    return body.for_analysis(in_time=True)
+    return for_analysis(body, in_time=True)
 
 
 def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:
@@ -245,9 +245,8 @@ def first_state(motion: Motion, u0: ArrayLike | None, v0: ArrayLike | None, t0: 
             "ramp. Prescribe a function of t that starts at u0, or start from an equilibrium: u0=solve_static(...).u."
         )
         raise SupportError(system.units.text(text))
-    set_time(system.bound_terms, moment)
     with system.units.of_errors():
-        for contact in system.contacts:
+        for contact in system.contacts_at(moment):
             contact.refuse_start(u.reshape(-1, mesh.d))
     body = motion.body
     if isinstance(body, Coordinates):

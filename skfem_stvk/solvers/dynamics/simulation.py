@@ -27,13 +27,12 @@ from ...system.protocol import ReducedLike
 from ...system.signature import Fingerprint, sums_of
 from ...terminal import html_table
 from ..runs.ledger import Ledger
-from ..runs.state_files import MOTION_FILE
 from .damping import Damping
 from .inputs import Inputs
 from .integrators import Integrator, StepFailed
 from .ledger_rows import REMOVED, LedgerLocations, LedgerWriter, column_names
 from .motion import Motion
-from .motion_checkpoint import MotionCheckpoint, SavedMotion, load
+from .motion_checkpoint import MOTION_FILE, MotionCheckpoint, SavedMotion, load
 from .options import Options, basis_of, checked_integrator, method_options, refuse_unsupported
 from .record import SLACK, Clock, Counts, HierarchyOrigin, MotionState, RunRecord, Snapshot
 from .removal import rule_text

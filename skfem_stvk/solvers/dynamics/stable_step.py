@@ -95,7 +95,7 @@ class StableStep:
 
     @property
     def _has_friction(self) -> bool:
-        return any(contact.has_friction for contact in self._motion.system.working_contacts)
+        return any(contact.has_friction for contact in self._motion.system.contacts)
 
     def _with_friction(self, step: float, state: MotionState) -> tuple[float, str]:
         """Return the stable step with friction, at most `step` [s], and the cause if friction makes it much smaller.
@@ -107,7 +107,7 @@ class StableStep:
             return step, ""
         system, mass = self._motion.system, self._largest.vertex
         x, drag = by_vertex(system.mesh, state.u), np.zeros(len(mass))
-        for contact in system.working_contacts:
+        for contact in system.contacts_at(self._motion.moment(state.t)):
             drag += contact.drag(x)
         rates = np.divide(drag, mass, out=np.zeros(len(mass)), where=mass > 0)
         node, half = int(rates.argmax()), step * float(rates.max()) / 4

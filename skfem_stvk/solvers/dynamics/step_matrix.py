@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple
@@ -20,8 +19,7 @@ from ...linear.dense import DenseFactors
 from ...system import FreeOperator, System, TangentOperator
 from ...system.coordinates import Coordinates, DenseTangent
 from ...system.free_tangent import FreeTangent, kind_of
-from ...terms.loads.load import Moment, Time
-from ...terms.protocols import Assumed
+from ...terms.loads.load import APART, Assumed, Moment, Time
 from ..newton.problem import Tangent
 from ..newton.stopwatch import Stopwatch
 from .forces import StartTensions, add_mean_force
@@ -30,10 +28,6 @@ from .record import HierarchyOrigin
 
 #: Gauss points at which the force over a step of a body on a basis is averaged. The average is exact for a cubic force.
 GAUSS = 0.5 - np.sqrt(3) / 6, 0.5 + np.sqrt(3) / 6
-
-
-#: Context in which contacts have the tangent of their state. It is made once, because each step needs it.
-OF_STATE = nullcontext()
 
 
 class StepTangent(Enum):
@@ -124,14 +118,13 @@ class StepMatrix:
             self._tensions.begin(u0)
         self._c, self._g, self.with_tensions = c, g, True
 
-    def add_mean_force(self, w: Array, out: Array) -> None:
+    def add_mean_force(self, w: Array, t: Time, out: Array) -> None:
         """Add the mean internal force over the step by `w` to `out`, both (ndofs,) [N]."""
-        add_mean_force(self._system, self._u0, self._u0 + w, out)
+        add_mean_force(self._system, self._u0, self._u0 + w, out, t=t)
 
-    def round_off(self, w: Array) -> Array:
+    def round_off(self, w: Array, t: Time) -> Array:
         """Return the sums (ndofs,) of `FreeTangent.round_off`, at the end of the step."""
-        with self.assuming(w):
-            return self.tangent.round_off(self._u0 + w)
+        return self.tangent.round_off(self._u0 + w, self.assuming(w, t))
 
     def factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
         """Return factors of the chosen tangent, or of a fallback of Newton's method, as in statics.
@@ -152,10 +145,10 @@ class StepMatrix:
         retained, multigrid = self._chosen.retained if exact else TENSILE, self.tangent.multigrid
         if self._diagonal is not None and exact:
             with self._watch("factor"):
-                return _Diagonal(self._diagonal.factorise(self._operator(w, retained), self.tangent.kind))
+                return _Diagonal(self._diagonal.factorise(self._operator(w, t, retained), self.tangent.kind))
         with self._watch("assemble"):
             if self.tangent.solver.matrix_free:
-                K = self._operator(w, retained)
+                K = self._operator(w, t, retained)
             else:
                 K = self._matrix(w, t, retained)
                 if tangent is Tangent.SHIFTED:
@@ -226,46 +219,43 @@ class StepMatrix:
             return np.zeros_like(w)
         return np.add(self._u0, w / 2 if self._mean else w, out=self._at)
 
-    def assuming(self, w: Array) -> AbstractContextManager[None]:
-        """Return a context in which contacts have the friction and the tangent that belong to the equation."""
-        d = self._system.mesh.d
+    def assuming(self, w: Array, t: Time) -> Moment:
+        """Return the moment at which contacts have the friction and the tangent that belong to the equation."""
+        d, moment = self._system.mesh.d, Moment.of(t)
         if not self._system.contacts:
-            return OF_STATE
+            return moment
         if self._chosen is StepTangent.REST:
-            return self._system.assuming(Assumed.APART, self._friction)
+            return moment.assuming(Assumed.APART, self._friction)
         states = (self._u0.reshape(-1, d), (self._u0 + w).reshape(-1, d)) if self._mean else None
-        return self._system.assuming(states, self._friction)
+        return moment.assuming(states, self._friction)
 
     def _matrix(self, w: Array, t: Time, retained: Tensions) -> csr_matrix:
         """Return the matrix of the step over the free degrees of freedom."""
         within, retained = self._parts(retained)
         at_rest = self._chosen is StepTangent.REST  # K(0) has no stiffness of follower loads, which changes
-        position, moment = self._position(w), None if at_rest else t
+        position, moment, follows = self._position(w), self.assuming(w, t), not at_rest
         factor = within.damped if at_rest else 1.0
         if self.tangent.needs_only_free and self._tensions is None and not self._motion.beta:
-            with self.assuming(w):
-                Kff = self.tangent.free_matrix(position, moment, within)
+            Kff = self.tangent.free_matrix(position, moment, within, follows)
             if factor != 1:
                 Kff.data *= factor
             self._motion.mass.add_to(Kff, self._inertia_factor, self.tangent.free)
             return Kff
-        with self.assuming(w):
-            K = self.tangent.matrix(position, moment, within)
+        K = self.tangent.matrix(position, moment, within, follows)
         if factor != 1:
             K.data *= factor
         if self._tensions is not None and retained != NONE:
             K.data += self._tensions.values(t, retained)
         if self._motion.beta:
             if self._rest is None or self._rest[0] != self._system.pattern_version:
-                with self._system.assuming(Assumed.APART):
-                    self._rest = self._system.pattern_version, self._system.tangent(np.zeros(self._system.ndofs))
+                self._rest = self._system.pattern_version, self._system.tangent(np.zeros(self._system.ndofs), t=APART)
             K.data += self._motion.beta * self._g * self._rest[1].data
         self._motion.mass.add_to(K, self._inertia_factor)
         return self.tangent.restricted(K)
 
-    def _operator(self, w: Array, retained: Tensions) -> FreeOperator:
+    def _operator(self, w: Array, t: Time, retained: Tensions) -> FreeOperator:
         """Return K as an operator for products. The mass on its diagonal replaces any other shift."""
-        operator = self._prepared(w, retained)
+        operator = self._prepared(w, t, retained)
         if self._free_operator is None:
             free = self.tangent.free.free
             self._lumped = self._motion.mass.vertex[free // self._system.mesh.d]
@@ -273,13 +263,12 @@ class StepMatrix:
         np.multiply(self._lumped, self._inertia_factor, out=self._free_operator.shift)
         return self._free_operator
 
-    def _prepared(self, w: Array, retained: Tensions) -> TangentOperator:
+    def _prepared(self, w: Array, t: Time, retained: Tensions) -> TangentOperator:
         within, retained = self._parts(retained)
-        with self.assuming(w):
-            operator = self.tangent.operator(self._position(w), within)
+        operator = self.tangent.operator(self._position(w), self.assuming(w, t), within)
         others = [(self._motion.beta * self._g, self._motion.at_rest)] if self._motion.beta else []
         if self._tensions is not None and retained != NONE:
-            others += self._tensions.operators(retained)
+            others += self._tensions.operators(t, retained)
         if others:
             operator.scale_and_add(1.0, others)
         return operator
@@ -314,11 +303,11 @@ class DenseStepMatrix:
             damping = motion.alpha * motion.mass.matrix + motion.beta * motion.at_rest
             self._key, self.inertia = (c, g), c * motion.mass.matrix + g * damping
 
-    def assuming(self, w: Array) -> AbstractContextManager[None]:
-        """Return a context without effect: a body in coordinates has no contacts."""
-        return OF_STATE
+    def assuming(self, w: Array, t: Time) -> Moment:
+        """Return the moment itself: a body in coordinates has no contacts."""
+        return Moment.of(t)
 
-    def add_mean_force(self, w: Array, out: Array) -> None:
+    def add_mean_force(self, w: Array, t: Time, out: Array) -> None:
         """Add the mean internal force over the step by `w` to `out`, both (m,)."""
         out += self.response(w)[0] / 2
 
@@ -331,9 +320,9 @@ class DenseStepMatrix:
         _, G, L = self._body.linearize(self._u0 + b * w)
         return F + G, a * K + b * L
 
-    def round_off(self, w: Array) -> Array:
+    def round_off(self, w: Array, t: Time) -> Array:
         """Return the sums (m,) of `DenseTangent.round_off`, at the end of the step."""
-        return self.tangent.round_off(self._u0 + w, self.response(w)[1])
+        return self.tangent.round_off(self._u0 + w, t, self.response(w)[1])
 
     def factorise(self, w: Array, t: Time, tangent: Tangent) -> DenseFactors:
         """Return factors of the exact matrix. For other tangents, replace its eigenvalues by their absolute values."""

@@ -61,7 +61,7 @@ class StepProblem(Equation):
 
     def forget(self) -> None:
         """Use the present body of the motion, and remove data of its matrix from previous steps."""
-        self.body = self.motion.body
+        self.body, self.system = self.motion.body, self.motion.system
         self.matrix.forget()
 
     @property
@@ -81,10 +81,10 @@ class StepProblem(Equation):
             if isinstance(d, np.ndarray):
                 self.motion.add_linear_damping(d, self.offset)
 
-    def store_internal_force(self, u: Array) -> float:
+    def store_internal_force(self, u: Array, moment: Moment) -> float:
         """Return `Motion.energy` at `u` (ndofs,) [J], and store the internal force for `before_step`."""
         with self._watch("assemble"):
-            return self.motion.energy_and_force(u, self._internal)
+            return self.motion.energy_and_force(u, moment, self._internal)
 
     def before_step(self, t: float) -> Array:
         """Return the residual (ndofs,) for `w = 0`, from stored forces.
@@ -114,7 +114,7 @@ class StepProblem(Equation):
             return self._last[1]
         with self._watch("assemble"):
             loads = self.motion.loads(self._u0 + w, Moment.of(t).time)
-            internal = self._internal_force(w)
+            internal = self._internal_force(w, Moment.of(t))
             inertia = self._linear(w)
             space = self.space
             scale = sum(space.norm(space.restrict(one)) for one in (inertia, self.offset, internal, loads))
@@ -133,7 +133,7 @@ class StepProblem(Equation):
     def round_off(self, w: Array, t: Time) -> float:
         with self._watch("assemble"):
             u1 = self._u0 + w
-            sums = self.matrix.round_off(w)
+            sums = self.matrix.round_off(w, t)
             sums += np.abs(self.motion.loads(u1, Moment.of(t).time)) + np.abs(self.offset)
             sums += self.motion.mass.multiply(np.abs(w)) * self._inertia_factor
             return EPS * self.space.norm(self.space.restrict(sums))
@@ -174,16 +174,15 @@ class StepProblem(Equation):
     def _inertia_factor(self) -> float:
         return self._c + self.motion.alpha * self._g
 
-    def _internal_force(self, w: Array) -> Array:
+    def _internal_force(self, w: Array, moment: Moment) -> Array:
         """Return the elastic force plus the force of edge damping."""
         u1, force = self._u0 + w, self._force
         if self._mean:
             force[:] = 0
-            self.matrix.add_mean_force(w, force)
+            self.matrix.add_mean_force(w, moment, force)
             force *= 2
         else:
-            with self.matrix.assuming(w):
-                self.motion.energy_and_force(u1, force)
+            self.motion.energy_and_force(u1, self.matrix.assuming(w, moment), force)
         self._add_edge_damping(w, u1, force)
         return force
 

@@ -11,6 +11,7 @@ from ...arguments import Array
 from ...errors import StvkError, warn
 from ...mesh.displacements import by_vertex
 from ...system import System
+from ...terms.loads.load import Time
 from ..newton.newton import End
 from .integrators import Integrator, StepFailed
 from .ledger_rows import LedgerWriter
@@ -54,7 +55,7 @@ class Steps:
 
     def start(self) -> None:
         """Prepare for a step from the state of the record."""
-        self._motion.body.return_to(self._record.history)
+        self._return_to(self._record.history)
         self.stepper.start(self._record.state)
 
     def remove(self, elements: NDArray[np.int64], writer: LedgerWriter | None) -> None:
@@ -65,7 +66,7 @@ class Steps:
         else:
             writer.record_removal(state, lambda: motion.remove_elements(elements))
         record.add_removed(elements, state.t)
-        record.history = motion.body.history()
+        record.history = motion.body.after_step(record.history)
         state.v.reshape(-1, motion.system.mesh.d)[motion.system.bare] = 0
         state.a[:] = 0
         self.start()
@@ -103,6 +104,11 @@ class Steps:
         if dt != record.clock.dt:
             record.clock.change(dt)
 
+    def _return_to(self, history: tuple[Array, ...]) -> None:
+        """Go back to the step that began with this history."""
+        self._motion.body.return_to(history)
+        self._motion.begin_step(history)
+
     def _bisected(self, t: float) -> bool:
         """Advance to time `t`, in parts if a step finds no state. Return whether it was made in parts."""
         state = self._record.state
@@ -118,7 +124,7 @@ class Steps:
             except StepFailed:
                 state.copy_from(before)
                 self._record.history = history
-                self._motion.body.return_to(history)
+                self._return_to(history)
                 raise
             state.reaction, state.forces = impulses[0] / (t - before.t), impulses[1] / (t - before.t)
             self._consecutive += 1
@@ -144,27 +150,28 @@ class Steps:
                     impulse += (end - begin) * force
 
     def _part(self, state: MotionState, t: float) -> None:
-        """Make one step of the integrator. Terms with history store the state at its beginning, unless it fails."""
-        body, system = self._motion.body, self._motion.system
+        """Make one step of the integrator. The history becomes that of its beginning, unless it fails."""
+        motion, body, system = self._motion, self._motion.body, self._motion.system
         before = state.copy() if len(state.forces) else None
-        body.commit(state.u, self._motion.moment(state.t))
+        history = body.advanced(self._record.history, state.u, motion.moment(state.t))
+        motion.begin_step(history)
         try:
             self.stepper.step(state, t)
-            if before is not None and (name := _passed_contact(system, before.u, state.u)):
+            if before is not None and (name := _passed_contact(system, before.u, state.u, motion.moment(state.t))):
                 state.copy_from(before)
                 raise StepFailed(f"{End.CONTACT.value}: {name!r}")
         except StepFailed:
-            body.return_to(self._record.history)
+            self._return_to(self._record.history)
             if system.contacts:
                 self.stepper.start(state)
             raise
-        self._record.history = body.history()
+        self._record.history = body.after_step(history)
         if before is not None:
             self.stepper.store_forces(before, state)
         self._arrived(state)
 
 
-def _passed_contact(system: System, u0: Array, u1: Array) -> str:
-    """Return the name of a contact that is passed through from `u0` to `u1` over the present step; "" if there is none."""
+def _passed_contact(system: System, u0: Array, u1: Array, t: Time) -> str:
+    """Return the name of a contact that is passed through from `u0` to `u1` over the step of `t`; "" if there is none."""
     x0, x1 = (by_vertex(system.mesh, u) for u in (u0, u1))
-    return next((contact.name for contact in system.contacts if contact.passes(x0, x1)), "")
+    return next((contact.name for contact in system.contacts_at(t) if contact.passes(x0, x1)), "")

@@ -115,7 +115,7 @@ def newton(problem: Problem, u: Array, t: Time, options: NewtonOptions) -> tuple
     if options.full_first and not problem.has_barrier:
         found, end = _Descent(problem, t, options, record, search=False).from_state(u)
         stable = end.converged and not record.negative_pivots
-        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.way_is_free(u, found):
+        if stable and len(problem.inside_out(found)) <= options.most_inside_out and problem.way_is_free(u, found, t):
             return found, end, record
         record.restarted = len(record)
     found, end = _Descent(problem, t, options, record, search=True).from_state(u)
@@ -125,21 +125,25 @@ def newton(problem: Problem, u: Array, t: Time, options: NewtonOptions) -> tuple
     return found, end, record
 
 
+@dataclass(frozen=True)
 class _Descent:
     """Newton's iterations at one load, with the line search or with full steps."""
 
-    def __init__(self, problem: Problem, t: Time, options: NewtonOptions, record: Iterations, search: bool) -> None:
-        self._problem, self._t, self._options, self._record, self._search = problem, t, options, record, search
+    problem: Problem
+    t: Time
+    options: NewtonOptions
+    record: Iterations
+    search: bool
 
     def from_state(self, u: Array) -> tuple[Array, End]:
-        problem, t, record, rtol = self._problem, self._t, self._record, self._options.rtol
+        problem, t, record, rtol = self.problem, self.t, self.record, self.options.rtol
         forcing, before, inverted = LOOSEST, None, len(problem.inside_out(u)) > 0
-        most = len(record) + (MOST_FULL if not self._search else MOST_INVERTED if inverted else MOST_ITERATIONS)
+        most = len(record) + (MOST_FULL if not self.search else MOST_INVERTED if inverted else MOST_ITERATIONS)
         try:
             residual = problem.residual(u, t)
             while True:
                 record.residuals.append(residual.relative)
-                self._options.watch(record)
+                self.options.watch(record)
                 end = equilibrium_end(problem, u, t, residual, before, rtol)
                 if end is not None:
                     record.detail = ""
@@ -172,8 +176,8 @@ class _Descent:
 
         If elements are inverted, an exact tangent with negative eigenvalues is skipped.
         """
-        problem, t, record = self._problem, self._t, self._record
-        for tangent in Tangent if self._search else (Tangent.EXACT,):
+        problem, t, record = self.problem, self.t, self.record
+        for tangent in Tangent if self.search else (Tangent.EXACT,):
             factors = problem.factorise(u, t, tangent)
             if inverted and tangent is Tangent.EXACT and problem.negative_pivots():
                 continue  # it would lead to a saddle point
@@ -197,22 +201,22 @@ class _Descent:
 
         If `inverted` (elements are inverted already), the step may pass through zero volume.
         """
-        if not self._search:
-            self._record.lengths.append(1.0)
+        if not self.search:
+            self.record.lengths.append(1.0)
             return u + v
-        limit = np.inf if inverted else self._problem.step_limit(u, v)
-        through, contact = self._problem.contact_limit(u, v)
+        limit = np.inf if inverted else self.problem.step_limit(u, v)
+        through, contact = self.problem.contact_limit(u, v, self.t)
         limit = min(limit, through)
-        s = length(self._problem, u, v, self._t, residual, BEFORE_THE_LIMIT * limit)
+        s = length(self.problem, u, v, self.t, residual, BEFORE_THE_LIMIT * limit)
         if s is None:
             return End.NO_LENGTH
         if s < SHORTEST and s == BEFORE_THE_LIMIT * limit:
             if limit == through:
-                self._record.detail = f"{contact!r}"
+                self.record.detail = f"{contact!r}"
                 return End.CONTACT
-            self._record.detail = self._problem.named(self._problem.inside_out(u + 1.01 * limit * v))
+            self.record.detail = self.problem.named(self.problem.inside_out(u + 1.01 * limit * v))
             return End.INSIDE_OUT
-        self._record.lengths.append(s)
+        self.record.lengths.append(s)
         return u + s * v
 
 

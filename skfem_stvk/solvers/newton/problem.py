@@ -100,10 +100,10 @@ class Problem(Protocol):
     def step_limit(self, u: Array, v: Array) -> float:
         """Return the largest `s` up to which no further element inverts along `u + s v`; infinity if there is no limit."""
 
-    def contact_limit(self, u: Array, v: Array) -> tuple[float, str]:
+    def contact_limit(self, u: Array, v: Array, t: Time) -> tuple[float, str]:
         """Return the largest `s` up to which the body passes through nothing along `u + s v`, and the name of the contact."""
 
-    def way_is_free(self, u: Array, found: Array) -> bool:
+    def way_is_free(self, u: Array, found: Array, t: Time) -> bool:
         """Return whether no element becomes flat and no contact is passed on the straight line from `u` to `found`."""
 
     def inside_out(self, u: Array) -> Sized:

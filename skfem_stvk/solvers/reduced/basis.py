@@ -6,13 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, DTypeLike
 
 from ...arguments import Array, array
 from ...errors import StvkError, SupportError
+from ...mesh import ElementMesh
 from ...system import System
-from ...terms import Body
-from ...terms.body import HasMass, HasSection
+from ...terms import Body, BoundTerm, Term
 from ...terms.loads.load import Moment
 from ..dynamics.at_rest import AtRest
 
@@ -33,27 +33,36 @@ MORE, MOST_BLOCKS = 8, 12
 LARGE, SMALL = 0.3, 1e-3
 
 
-class _UnitDensity:
-    """Elements of a term, with density 1."""
+class _UnitDensity(Term):
+    """A term with elements of density 1."""
 
-    def __init__(self, term: HasSection) -> None:
-        self.region, self.section, self.confined_modulus = term.region, term.section, term.confined_modulus
+    has_mass = True
 
-    def mass(self, mesh: Any, sizes: Array) -> Array:
-        return np.asarray(sizes * self.section(mesh, len(sizes)))
+    def __init__(self, of: Term) -> None:
+        self._of, self.region = of, of.region
+
+    def bind(self, body: Body, dtype: DTypeLike) -> BoundTerm:
+        return self._of.bind(body, dtype)
+
+    def section(self, mesh: ElementMesh, n: int) -> Any:
+        return self._of.section(mesh, n)
+
+    def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
+        section = self.section(mesh, len(sizes))
+        return np.zeros(len(sizes)) if section is None else np.asarray(sizes * section)
 
 
 def masses_of(system: System) -> Array:
     """Return the lumped masses (ndofs,), by which fields are orthogonal; for a body without any density those of density 1."""
     bodies = [system.body, *system.body.beside]
-    heavy = [term for body in bodies for term in body.terms if isinstance(term, HasMass)]
-    if any(getattr(getattr(term, "material", None), "density", 1.0) is not None for term in heavy):
+    heavy = [term for body in bodies for term in body.terms if term.has_mass]
+    if any(term.material is None or term.material.density is not None for term in heavy):
         return np.repeat(system.mass().vertex, system.mesh.d)
     return np.repeat(_of_unit_density(system.body).lumped_mass, system.mesh.d)
 
 
 def _of_unit_density(body: Body) -> Body:
-    terms = [_UnitDensity(term) for term in body.terms if isinstance(term, HasSection)]
+    terms = [_UnitDensity(term) for term in body.terms]
     dense = Body(body.mesh, terms, body.quadrature, [_of_unit_density(one) for one in body.beside])
     return dense.without(body.removed, body.bare)
 

@@ -95,7 +95,7 @@ class HandlePath:
 
     def loads_at(self, t: Time) -> Time:
         """Return the load factor of the loads at `t`."""
-        return t if self.from_rest else 1.0
+        return t if self.from_rest else Moment.of(t)._replace(time=1.0, factor=1.0)
 
 
 class DrivenSystem(System):

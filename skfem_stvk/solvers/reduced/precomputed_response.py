@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from rich.progress import BarColumn, MofNCompleteColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from ... import arguments
 from ...arguments import Array, array, number, shown, whole
@@ -25,12 +23,11 @@ from ...system import System
 from ...system.free_tangent import solver_for
 from ...system.protocol import checked_whole
 from ...system.signature import Fingerprint, sums
-from ...terminal import LINE_INTERVAL, Progress, duration, say
+from ...terminal import CountedProgress, say
 from ..newton.processes import is_worker_process
+from ..runs.archive import refusing_damage
 from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
-
-if TYPE_CHECKING:
-    from .stores import PointsCheckpoint
+from .stores import BetweenPoints, PointsCheckpoint, ResponseTable, TableFile, point_text
 
 #: Number of points of an axis in an interpolation, equally many on both sides where possible.
 STENCIL = 4
@@ -38,48 +35,6 @@ STENCIL = 4
 SINGLE = 1e-6
 #: Displacements outside of an axis by this fraction of its length count as its end.
 ROUNDED = 1e-12
-
-
-@dataclass(frozen=True, eq=False)
-class BetweenPoints:
-    """Errors of the answers in the middle of cells, from solves outside the table.
-
-    Attributes
-    ----------
-    points
-        (m, d) displacements of the handle of these solves [m].
-    force
-        (m,) error of the force, as a fraction of the largest force in the table.
-    u
-        (m,) largest error of a node's displacement, as a fraction of the largest displacement in the table.
-    unsolved
-        Messages on midpoints without a stable equilibrium.
-    """
-
-    points: Array
-    force: Array
-    u: Array
-    unsolved: tuple[str, ...] = ()
-
-    @property
-    def largest_force(self) -> float:
-        """Largest error of a force; NaN without a measurement."""
-        return float(self.force.max()) if len(self.force) else float("nan")
-
-    @property
-    def largest_u(self) -> float:
-        """Largest error of displacements; NaN without a measurement."""
-        return float(self.u.max()) if len(self.u) else float("nan")
-
-    def __str__(self) -> str:
-        if not len(self.points):
-            return "errors between points were not measured"
-        at_force, at_u = (_point_text(self.points[int(np.argmax(errors))]) for errors in (self.force, self.u))
-        lost = f"; {len(self.unsolved)} more have no stable equilibrium: {self.unsolved[0]}" if self.unsolved else ""
-        return (
-            f"at {len(self.points)} midpoints wrong by at most {self.largest_force:.2g} of the largest force, at {at_force}, and "
-            f"{self.largest_u:.2g} of the largest displacement, at {at_u}{lost}"
-        )
 
 
 class PrecomputedResponse:
@@ -194,17 +149,15 @@ class PrecomputedResponse:
             work.refuse_processes()
         chosen = solver_for(_driven(body, nodes, describe(handle)), solver)
         options = {"axes": [axis.tolist() for axis in grid.axes], "steps": steps, "rtol": float(rtol), "solver": chosen.name}
-        self._body = body
         self._problem = _fingerprint(body, options, nodes)
         with ExitStack() as stack:
             store: PointsCheckpoint | None = None
             if folder is not None:
-                from .stores import PointsCheckpoint
-
                 sizes, last = (body.ndofs, body.mesh.d), len(grid) + len(grid.cells) - 1
                 store = stack.enter_context(PointsCheckpoint(folder, self._problem, sizes, last))
             states = _solved(HandleSolves(grid, work, checks, store.stored if store else {}), store, jobs, quiet)
-        self._make(grid, nodes, states, float(tolerance))
+        self._set(body, _table_of(grid, nodes, states, float(tolerance)))
+        self._measure(states)
         say(repr(self), quiet)
         self._warn(states)
 
@@ -220,9 +173,9 @@ class PrecomputedResponse:
             outside of an axis, with its name, the value and the range; near a hole; for numbers that are not finite.
         """
         d = array("displacement", displacement, (len(self.axes),), f"{len(self.axes)} finite numbers, one per axis [m]", StateError)
-        found = self._interpolated(d)
-        u = (self._basis @ found[len(d) :].astype(self._basis.dtype)).astype(np.float64)
-        u[self._constrained] = self._constrained_at
+        found, basis = self._interpolated(d), self._table.basis
+        u = (basis @ found[len(d) :].astype(basis.dtype)).astype(np.float64)
+        u[self._body.supports.held] = self._constrained_at
         u.reshape(-1, len(d))[self.nodes] = d
         return found[: len(d)], u
 
@@ -239,23 +192,8 @@ class PrecomputedResponse:
         StvkError
             as `results.write_vtu`.
         """
-        from .stores import SavedTable, TableFile
-
         path = output_path(path, ".npz")
-        table = SavedTable(
-            axes=list(self.axes),
-            nodes=self.nodes,
-            table=self._table,
-            basis=self._basis,
-            solved=self._solved,
-            error_points=self.error.points,
-            error_force=self.error.force,
-            error_u=self.error.u,
-            holes={str(k): reason for k, reason in enumerate(self._hole_reasons) if reason},
-            compression=self.compression,
-            unsolved=list(self.error.unsolved),
-        )
-        TableFile.write_file(path, self._problem, table)
+        TableFile.write_file(path, self._problem, self._table)
         return path
 
     @classmethod
@@ -275,25 +213,21 @@ class PrecomputedResponse:
             if the file is of a body with another mesh, other terms, supports or loads, if it cannot be read, or if its arrays
             are not those of a table.
         """
-        from .stores import TableFile, refusing_damage
-
         path = arguments.path("path", path, "the path of an .npz file that save() wrote")
         checked_whole(body, "PrecomputedResponse.load(path, body)", "body")
-        problem, saved = TableFile.read_file(path)
+        problem, table = TableFile.read_file(path)
         self = cls.__new__(cls)
-        self._body, self.nodes = body, saved.nodes
-        self._problem = _fingerprint(body, problem.method, self.nodes)
+        self._problem = _fingerprint(body, problem.method, table.nodes)
         self._problem.refuse_other(problem, path, "Load it with the body of which it was made, or compute it again.")
         with refusing_damage(path, TableFile.remedy):
-            saved.check(body.mesh.nv, body.mesh.d)
-        self._grid = DisplacementGrid(tuple(saved.axes))
-        self.axes = self._grid.axes
-        self._table, self._basis, self._solved = saved.table, saved.basis, saved.solved
-        self._hole_reasons = [saved.holes.get(str(k), "") for k in range(self._solved.size)]
-        self.compression = saved.compression
-        self.error = BetweenPoints(saved.error_points, saved.error_force, saved.error_u, tuple(saved.unsolved))
-        self._set_supports()
+            table.check(body.mesh.nv, body.mesh.d)
+        self._set(body, table)
         return self
+
+    def _set(self, body: System, table: ResponseTable) -> None:
+        self._body, self._table, self._grid = body, table, DisplacementGrid(tuple(table.axes))
+        self.axes, self.nodes, self.compression = self._grid.axes, table.nodes, table.compression
+        self._constrained_at = body.supports.values(1.0)
 
     @property
     def body(self) -> System:
@@ -303,133 +237,92 @@ class PrecomputedResponse:
     @property
     def forces(self) -> Array:
         """Forces (n_1, ..., n_d, d) at each point of the grid [N]; zero at holes."""
-        return self._table[..., : len(self.axes)]
+        return self._table.values[..., : len(self.axes)]
 
     @property
     def rank(self) -> int:
         """Number of basis vectors of the displacements."""
-        return int(self._basis.shape[1])
+        return int(self._table.basis.shape[1])
+
+    @property
+    def error(self) -> BetweenPoints:
+        """Errors between the points of the grid."""
+        return self._table.error
 
     @property
     def holes(self) -> dict[tuple[float, ...], str]:
         """Reasons for missing answers, by displacement of the handle, in order of the distance from rest."""
-        near = sorted(range(len(self._grid)), key=lambda k: (self._grid.steps(k), k))
-        return {tuple(self._grid.point(k).tolist()): self._hole_reasons[k] for k in near if self._hole_reasons[k]}
+        near = sorted(map(int, self._table.holes), key=lambda k: (self._grid.steps(k), k))
+        return {tuple(self._grid.point(k).tolist()): self._table.holes[str(k)] for k in near}
 
     def __repr__(self) -> str:
-        shape = " x ".join(map(str, self._solved.shape))
-        holes = f", {len(self.holes)} of them holes" if not self._solved.all() else ""
+        shape = " x ".join(map(str, self._grid.shape))
+        holes = f", {len(self.holes)} of them holes" if self.holes else ""
         return (
             f"PrecomputedResponse: {len(self.nodes)} nodes at {shape} displacements{holes}; {self._body.ndofs} degrees of freedom "
             f"from {self.rank} vectors, which leave out {self.compression:.1g}; {self.error}"
         )
 
-    def _make(self, grid: DisplacementGrid, nodes: NDArray[np.int64], states: Mapping[int, HandleState], tolerance: float) -> None:
-        """Make the table and its basis from the states at the points of the grid, and its errors from those between."""
-        self._grid, self.axes, self.nodes, n = grid, grid.axes, nodes, len(grid)
-        self._hole_reasons = [states[k].message for k in range(n)]
-        self._solved = np.array([not reason for reason in self._hole_reasons]).reshape(grid.shape)
-        basis, amounts, self.compression = _compressed(np.array([states[k].u for k in range(n)]), tolerance)
-        self._basis = basis.astype(np.float32 if tolerance >= SINGLE else np.float64)
-        forces = np.array([states[k].force for k in range(n)])
-        self._table = np.concatenate([forces, amounts], axis=1).reshape(*grid.shape, -1)
-        self._set_supports()
-        middles = [(grid.point(k), state) for k, state in sorted(states.items()) if k >= n]
+    def _measure(self, states: Mapping[int, HandleState]) -> None:
+        """Add the errors of the answers between the points, from the states there."""
+        middles = [(self._grid.point(k), state) for k, state in sorted(states.items()) if k >= len(self._grid)]
         good = [(at, state) for at, state in middles if not state.message]
-        points = np.array([at for at, _ in good]).reshape(-1, len(grid.axes))
         largest_u = max(np.abs(state.u).max() for state in states.values())
-        largest_force = np.linalg.norm(forces, axis=1).max()
-        errors = []
+        largest_force, errors = np.linalg.norm(self.forces, axis=-1).max(), []
         for point, state in good:
             force, u = self(point)
             apart = np.linalg.norm((u - state.u).reshape(-1, len(point)), axis=1).max()
             errors.append((np.linalg.norm(force - state.force) / largest_force, apart / largest_u))
         of_force, of_u = np.array(errors).reshape(-1, 2).T
-        lost = [f"{_point_text(at)}: {state.message}" for at, state in middles if state.message]
-        self.error = BetweenPoints(points, of_force, of_u, tuple(lost))
-
-    def _set_supports(self) -> None:
-        """Find the exact displacements of the body's own supports, and whether the table has holes."""
-        supports = self._body.supports
-        self._constrained, self._constrained_at, self._has_no_holes = supports.held, supports.values(1.0), bool(self._solved.all())
+        points = np.array([at for at, _ in good]).reshape(-1, len(self.axes))
+        lost = [f"{point_text(at)}: {state.message}" for at, state in middles if state.message]
+        self._table = replace(self._table, error=BetweenPoints(points, of_force, of_u, lost))
 
     def _interpolated(self, d: Array) -> Array:
         """Return the force and the amounts of the vectors (d + rank,) at a displacement of the handle."""
-        stencil = [_weights(axis, value, "xyz"[c], STENCIL) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
-        if not self._has_no_holes and not self._covered(stencil):
-            stencil = [_weights(axis, value, "xyz"[c], 2) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
-            if not self._covered(stencil):
-                raise StateError(self._near_hole(d, stencil))
-        values = self._table[tuple(slice(begin, begin + len(weights)) for begin, weights in stencil)]
-        for _, weights in stencil:
-            values = np.tensordot(weights, values, axes=1)
-        return values
+        hole: int | None = None
+        for most in (STENCIL, 2):
+            stencil = [_weights(axis, value, "xyz"[c], most) for c, (axis, value) in enumerate(zip(self.axes, d, strict=True))]
+            values = self._table.values[tuple(slice(begin, begin + len(weights)) for begin, weights in stencil)]
+            hole = self._hole_in(stencil) if self._table.holes else None
+            if hole is None:
+                for _, weights in stencil:
+                    values = np.tensordot(weights, values, axes=1)
+                return values
+        assert hole is not None
+        at = f"{point_text(d)} is in a cell with the hole {point_text(self._grid.point(hole))}"
+        raise StateError(f"displacement = {at}: {self._table.holes[str(hole)]}")
 
-    def _covered(self, stencil: list[tuple[int, Array]]) -> bool:
-        """Return whether no point of the stencil is a hole."""
-        return not len(self._missing(stencil))
-
-    def _missing(self, stencil: list[tuple[int, Array]]) -> Array:
-        """Return the indices (m, d) of the holes in the stencil."""
-        solved = self._solved[tuple(slice(begin, begin + len(weights)) for begin, weights in stencil)]
-        counts = np.ones((), dtype=bool)
-        for _, weights in stencil:
-            counts = np.logical_and.outer(counts, weights != 0)
-        return np.argwhere(counts & ~solved) + [begin for begin, _ in stencil]
-
-    def _near_hole(self, d: Array, stencil: list[tuple[int, Array]]) -> str:
-        indices = self._missing(stencil)[0]
-        hole = self._grid.number(tuple(indices))
-        at = _point_text(self._grid.point(hole))
-        return f"displacement = {_point_text(d)} is in a cell with the hole {at}: {self._hole_reasons[hole]}"
+    def _hole_in(self, stencil: list[tuple[int, Array]]) -> int | None:
+        """Return the number of a hole in the stencil, or None."""
+        indices = (begin + np.flatnonzero(weights) for begin, weights in stencil)
+        numbers = np.arange(len(self._grid)).reshape(self._grid.shape)[np.ix_(*indices)].ravel()
+        return next((number for number in numbers.tolist() if str(number) in self._table.holes), None)
 
     def _warn(self, states: Mapping[int, HandleState]) -> None:
         """Warn of holes, and repeat warnings of the solves."""
         holes = self.holes
         if holes:
-            named = ", ".join(_point_text(at) for at in list(holes)[:3]) + (", ..." if len(holes) > 3 else "")
-            warn(
-                f"No stable equilibrium at {len(holes)} of {len(self._hole_reasons)} displacements ({named}): "
-                f"{next(iter(holes.values()))}"
-            )
+            named = ", ".join(point_text(at) for at in list(holes)[:3]) + (", ..." if len(holes) > 3 else "")
+            count = f"{len(holes)} of {len(self._grid)} displacements"
+            warn(f"No stable equilibrium at {count} ({named}): {next(iter(holes.values()))}")
         warned = [(k, state.warning) for k, state in sorted(states.items()) if state.warning]
         if warned:
-            at = _point_text(self._grid.point(warned[0][0]))
+            at = point_text(self._grid.point(warned[0][0]))
             warn(f"{len(warned)} of {len(states)} solves warned, the first of them at {at}: {warned[0][1]}")
-
-
-class _GridProgress(Progress):
-    """Progress bar on a terminal, elsewhere a line every few seconds."""
-
-    def __init__(self, header: str, total: int, quiet: bool) -> None:
-        super().__init__("response", quiet, (BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()))
-        self._total, self._begin, self._next = total, time.perf_counter(), time.perf_counter() + LINE_INTERVAL
-        self.print(header)
-        self.show(total=total)
-
-    def count(self, done: int) -> None:
-        """Show how many solves are done."""
-        now = time.perf_counter()
-        self.show(completed=done)
-        if self._bar is None and now >= self._next:
-            self.print(f"{done} of {self._total} solves, {duration(now - self._begin)}")
-            self._next = now + LINE_INTERVAL
 
 
 def _solved(solves: HandleSolves, store: PointsCheckpoint | None, jobs: int, quiet: bool) -> Mapping[int, HandleState]:
     """Return all states of a grid and of midpoints."""
-    grid, cores = solves.grid, threads()
+    grid, cores, done = solves.grid, threads(), len(store.stored) if store is not None else 0
     total = len(grid) + solves.checks
     jobs = max(1, min(jobs, cores, total))
-    stored = f", {len(store.stored)} of them solved already" if store is not None and store.stored else ""
-    at_a_time = f"; {jobs} at a time" if jobs > 1 else ""
-    header = f"{len(grid)} displacements of the handle and {solves.checks} between them{stored}{at_a_time}"
-    done = len(store.stored) if store is not None else 0
-    with _GridProgress(header, total, quiet) as progress:
+    say(f"{len(grid)} displacements of the handle and {solves.checks} between them, {done} solved already", quiet)
+    with CountedProgress("response", total, quiet, lines=True) as progress:
         try:
             for k, state, complete in solves.run(jobs, max(1, cores // jobs)):
                 done += 1
-                progress.count(done)
+                progress.step(point_text(grid.point(k)))
                 if store is not None and complete:
                     store.add(k, state)
         except KeyboardInterrupt:
@@ -437,6 +330,18 @@ def _solved(solves: HandleSolves, store: PointsCheckpoint | None, jobs: int, qui
             progress.print(f"{done} of {total} solves are done: {where}")
             raise
     return solves.states
+
+
+def _table_of(
+    grid: DisplacementGrid, nodes: NDArray[np.int64], states: Mapping[int, HandleState], tolerance: float
+) -> ResponseTable:
+    """Return the table of the states at the points of the grid, without errors between them."""
+    at_points = [states[k] for k in range(len(grid))]
+    basis, amounts, compression = _compressed(np.array([state.u for state in at_points]), tolerance)
+    basis = basis.astype(np.float32 if tolerance >= SINGLE else np.float64)
+    values = np.concatenate([np.array([state.force for state in at_points]), amounts], axis=1).reshape(*grid.shape, -1)
+    holes = {str(k): state.message for k, state in enumerate(at_points) if state.message}
+    return ResponseTable(list(grid.axes), nodes, values, basis, holes, compression)
 
 
 def _axes(value: Any, d: int) -> tuple[Array, ...]:
@@ -512,7 +417,3 @@ def _compressed(states: Array, tolerance: float) -> tuple[Array, Array, float]:
     worst = np.append(lost.max(axis=0), 0.0)
     rank = max(1, int(np.argmax(worst <= tolerance * largest)))
     return np.ascontiguousarray(right[:rank].T), np.ascontiguousarray(amounts[:, :rank]), float(worst[rank] / largest)
-
-
-def _point_text(point: Array | tuple[float, ...]) -> str:
-    return f"({', '.join(f'{one:.4g}' for one in point)})"

@@ -16,7 +16,7 @@ from ...kernels import reduced as reduced_kernels
 from ...mesh import ElementMesh
 from ...mesh.displacements import by_vertex
 from ...system import Pattern, System, TangentOperator
-from ...system.operator import refuse_overflow
+from ...system.operator import at_all_times, refuse_overflow
 
 #: Bytes of the rows of strains that are made in one block.
 BLOCK = 32_000_000
@@ -94,7 +94,7 @@ def quartic_of(
             _add_by_tangents(T, term, fields, body)
     if terms:
         pair_terms = [with_blocks(term, body.mesh.nv, body.mesh.d, body.dtype) for term in terms]
-        operator = TangentOperator(body.mesh, pair_terms, np.zeros(body.ndofs), body.dtype)
+        operator = TangentOperator(body.mesh, at_all_times(pair_terms), np.zeros(body.ndofs), body.dtype)
         K = fields.T @ np.array([operator @ field for field in np.ascontiguousarray(fields.T)]).T
         _set_quadratic(T, n, (K + K.T) / 2)
     return ReducedQuartic(n, T)

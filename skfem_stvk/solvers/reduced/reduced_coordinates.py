@@ -1,4 +1,4 @@
-"""A body in precomputed coordinates: its energy is one quartic, and other energies are added from the mesh or from samples."""
+"""A body in precomputed coordinates: its energy is one quartic, and other energies are added from the mesh."""
 
 from __future__ import annotations
 
@@ -10,26 +10,18 @@ from ...system import System
 from ...system.coordinates import Coordinates
 from ...system.operator import refuse_overflow
 from ...terms.loads.load import Moment, Time
-from ...terms.protocols import set_time
 from .basis import Lifts, masses_of
 from .quartic import ProjectedTerms, ReducedQuartic
-from .sampled import Sampling, sampled_part
 
 
 class PrecomputedCoordinates(Coordinates):
-    """Coordinates `z = (q, s)` of a `ReducedSystem`, with its precomputed `quartic`; `sampled` elements represent all."""
+    """Coordinates `z = (q, s)` of a `ReducedSystem`, with its precomputed `quartic`."""
 
-    def __init__(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int) -> None:
+    def __init__(self, body: System, columns: Array, size: int, quartic: ReducedQuartic) -> None:
         super().__init__(body, columns, size, masses_of(body))
         self._lifts, self._quartic = Lifts(body, columns[:, size:]), quartic
         others = [term for term in body.bound_terms if not term.quartic]
-        self._others = [ProjectedTerms(body.mesh, others, columns)] if others and not sampled else []
-        self.sampling: dict[str, Sampling] = {}
-        if sampled:
-            for name, term, bound in zip(body.elastic_names, body.elastic_terms, body.bound_terms, strict=True):
-                if not bound.quartic:
-                    part, self.sampling[name] = sampled_part(body, term, columns, sampled)
-                    self._others.append(part)
+        self._others = ProjectedTerms(body.mesh, others, columns) if others else None
         self._steady = [load for load in body.bound_loads if load.dead and load.steady]
         self._changing = [load for load in body.bound_loads if not (load.dead and load.steady)]
         self._steady_forces: dict[str, Array] = {}
@@ -41,7 +33,7 @@ class PrecomputedCoordinates(Coordinates):
 
     @property
     def quartic(self) -> bool:
-        return not self._others
+        return self._others is None
 
     def prescribed_values(self, t: Time) -> Array:
         return self._lifts.amounts(Moment.checked(t)).copy()
@@ -51,8 +43,8 @@ class PrecomputedCoordinates(Coordinates):
         x[0], x[1:] = 1.0, z
         W, G, H = self._quartic.linearize(x)
         F, K = G[1:], H[1:, 1:]
-        for part in self._others:
-            more, f, k = part.linearize(z)
+        if self._others is not None:
+            more, f, k = self._others.linearize(z)
             W, F, K = W + more, F + f, K + k
             refuse_overflow(F, "F", z)
         refuse_overflow(W, "W", z)  # W = G . x / 4 of a quartic is finite only if G is
@@ -71,7 +63,6 @@ class PrecomputedCoordinates(Coordinates):
         if self._changing:
             u, moment = (self.columns @ z).reshape(-1, self.mesh.d), Moment.checked(t)
             full = np.zeros(u.shape)
-            set_time(self.system.bound_terms, moment)
             for load in self._changing:
                 load.add_force(u, moment, full)
             refuse_overflow(full, "The external force", u)
@@ -82,11 +73,11 @@ class PrecomputedCoordinates(Coordinates):
         if all(load.dead for load in self._changing):
             return None
         u = self.columns @ z
-        full = self.system.jacobian(u, t) - self.system.tangent(u)
+        full = self.system.jacobian(u, t) - self.system.tangent(u, t=t)
         return np.asarray(self.columns.T @ (full @ self.columns))
 
     def potential(self, z: Array, t: Time) -> float:
-        if self._others or self._changing:
+        if self._others is not None or self._changing:
             return super().potential(z, t)
         return self.linearize(z)[0] - float(self._dead_force(t) @ z)
 
@@ -103,7 +94,4 @@ class PrecomputedCoordinates(Coordinates):
     def __repr__(self) -> str:
         lifts = f", {len(self.free.fixed)} lifts" if len(self.free.fixed) else ""
         cost = "" if self.quartic else "; a term is no quartic: each evaluation costs as much as on the mesh"
-        if self.sampling:
-            error = max(one.unseen for one in self.sampling.values())
-            cost = f"; {sum(len(one.elements) for one in self.sampling.values())} sampled elements, error {error:.1e}"
         return f"ReducedSystem: {self.size} unknowns{lifts}, of {self.system!r}{cost}"

@@ -30,7 +30,7 @@ from .step_data import FIRST_LINE, step_data
 MOST_MEMORY = 1e9
 #: Default number of modes.
 MODES = 20
-#: Largest number of modes and of sampled elements; unknowns are limited by memory.
+#: Largest number of modes; unknowns are limited by memory.
 MOST = 10_000
 
 
@@ -60,9 +60,6 @@ class ReducedSystem:
         (ndofs, n) displacements of the body, such as states of a path, that the basis must represent as well.
     times
         Times at which prescribed displacements that are functions are sampled; by default 33 between 0 and 1.
-    sampled
-        Number of weighted elements that represent all, in terms whose energy is not a quartic, such as `NeoHookean`, so that their
-        cost does not depend on the mesh either; 0 for all. `sampling` reports their errors.
     most_memory
         Maximum number of bytes that are needed while it is made.
     quiet
@@ -76,8 +73,6 @@ class ReducedSystem:
         (ndofs, r + l) columns of V, then of Phi.
     basis, lifts
         Its parts V (ndofs, r) and Phi (ndofs, l).
-    sampling
-        Sampled elements by the name of a term, with their weights, and the error of the force on states for fitting and on others.
     masses
         (ndofs,) lumped masses M, of density 1 if the body has none.
 
@@ -116,7 +111,6 @@ class ReducedSystem:
         *,
         snapshots: ArrayLike | None = None,
         times: ArrayLike | None = None,
-        sampled: int = 0,
         most_memory: float = MOST_MEMORY,
         quiet: bool = False,
     ) -> None:
@@ -126,7 +120,6 @@ class ReducedSystem:
             modes = min(MODES, body.ndofs - len(body.supports.held))
         modes = whole("modes", modes, f"a number of modes, or 0, at most {MOST}", 0, MOST)
         derivatives, quiet = flag("derivatives", derivatives), flag("quiet", quiet)
-        sampled = whole("sampled", sampled, f"a number of elements, or 0 for all, at most {MOST}", 0, MOST)
         most = number("most_memory", most_memory, "a number of bytes", 0)
         moments = None if times is None else array("times", times, (None,), "a list of times").tolist()
         if moments == []:
@@ -156,12 +149,12 @@ class ReducedSystem:
             columns = np.ascontiguousarray(np.concatenate([basis, lifts.without_basis(masses, basis)], axis=1))
             stages.stage("coefficients")
             terms = [term for term in body.bound_terms if term.quartic]
-            self._set(body, columns, basis.shape[1], quartic_of(body, terms, columns, stages.rows), sampled)
+            self._set(body, columns, basis.shape[1], quartic_of(body, terms, columns, stages.rows))
 
-    def _set(self, body: System, columns: Array, size: int, quartic: ReducedQuartic, sampled: int = 0) -> None:
+    def _set(self, body: System, columns: Array, size: int, quartic: ReducedQuartic) -> None:
         columns.flags.writeable = False
-        self.in_coordinates = inner = PrecomputedCoordinates(body, columns, size, quartic, sampled)
-        self.body, self.size, self.columns, self.masses, self.sampling = body, size, columns, inner.masses, inner.sampling
+        self.in_coordinates = inner = PrecomputedCoordinates(body, columns, size, quartic)
+        self.body, self.size, self.columns, self.masses = body, size, columns, inner.masses
         self.basis, self.lifts = columns[:, :size], columns[:, size:]
 
     def save(self, path: str | Path) -> Path:
@@ -187,8 +180,6 @@ class ReducedSystem:
             write_text(file, step_data(self.in_coordinates), FIRST_LINE)
             return file
         file = npz("path", path)
-        if self.sampling:
-            raise StvkError("Sampled elements are not stored in files; expected a body without them. Leave sampled out.")
         saved = SavedReduced(self.basis, self.lifts, self.in_coordinates.coefficients)
         ReducedFile.write_file(file, _fingerprint(self.body, self.masses), saved)
         return file

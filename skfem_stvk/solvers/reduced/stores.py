@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeAlias
 
@@ -72,49 +72,84 @@ class PointsCheckpoint(FolderStore[SavedPoint]):
         self.write(self.numbered(number), SavedPoint(number, state))
 
 
+@dataclass(frozen=True, eq=False)
+class BetweenPoints:
+    """Errors of the answers in the middle of cells, from solves outside the table.
+
+    Attributes
+    ----------
+    points
+        (m, d) displacements of the handle of these solves [m].
+    force
+        (m,) error of the force, as a fraction of the largest force in the table.
+    u
+        (m,) largest error of a node's displacement, as a fraction of the largest displacement in the table.
+    unsolved
+        Messages on midpoints without a stable equilibrium.
+    """
+
+    points: Matrix
+    force: Numbers
+    u: Numbers
+    unsolved: list[str] = field(default_factory=list)
+
+    @property
+    def largest_force(self) -> float:
+        """Largest error of a force; NaN without a measurement."""
+        return float(self.force.max()) if len(self.force) else float("nan")
+
+    @property
+    def largest_u(self) -> float:
+        """Largest error of displacements; NaN without a measurement."""
+        return float(self.u.max()) if len(self.u) else float("nan")
+
+    def __str__(self) -> str:
+        if not len(self.points):
+            return "errors between points were not measured"
+        at_force, at_u = (point_text(self.points[int(np.argmax(errors))]) for errors in (self.force, self.u))
+        lost = f"; {len(self.unsolved)} more have no stable equilibrium: {self.unsolved[0]}" if self.unsolved else ""
+        return (
+            f"at {len(self.points)} midpoints wrong by at most {self.largest_force:.2g} of the largest force, at {at_force}, and "
+            f"{self.largest_u:.2g} of the largest displacement, at {at_u}{lost}"
+        )
+
+
 @dataclass(frozen=True)
-class SavedTable:
-    """Record of the table of a response."""
+class ResponseTable:
+    """Table of a precomputed response: forces and amounts of the basis at each point of the grid, and reasons of its holes."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
 
     axes: list[Numbers]
     nodes: Ids
-    table: Annotated[Array, Stored(None)]
+    values: Annotated[Array, Stored(None)]
     basis: Annotated[Array, Stored(2, (np.float32, np.float64))]
-    solved: Annotated[Array, Stored(None, (np.bool_,))]
-    error_points: Matrix
-    error_force: Numbers
-    error_u: Numbers
     holes: dict[str, str]
     compression: Annotated[float, Within(0.0)]
-    unsolved: list[str]
+    error: BetweenPoints = field(default_factory=lambda: BetweenPoints(np.empty((0, 1)), np.empty(0), np.empty(0)))
 
     def check(self, nv: int, d: int) -> None:
         """Raise ValueError if this cannot be a table on a mesh with `nv` nodes in `d` dimensions."""
-        nodes, shape = self.nodes, tuple(map(len, self.axes))
+        nodes, shape, count = self.nodes, tuple(map(len, self.axes)), len(self.error.points)
         if len(nodes) == 0 or len(np.unique(nodes)) < len(nodes) or nodes.min() < 0 or nodes.max() >= nv:
             raise ValueError(f"the array 'nodes' does not hold different numbers of nodes from 0 to {nv - 1}")
         if len(shape) != d or any(len(axis) == 0 or (np.diff(axis) <= 0).any() for axis in self.axes):
             raise ValueError("the displacements of an axis are not ascending")
-        count = len(self.error_points)
-        expected = {
-            "table": (*shape, d + self.basis.shape[1]),
-            "basis": (nv * d, self.basis.shape[1]),
-            "solved": shape,
-            "error_points": (count, d),
-            "error_force": (count,),
-            "error_u": (count,),
-        }
-        for name, size in expected.items():
-            if (got := getattr(self, name).shape) != size:
-                raise ValueError(f"the array '{name}' has shape {got}; expected {size}")
-        if self.holes.keys() != set(map(str, np.flatnonzero(~self.solved))) or not all(self.holes.values()):
-            raise ValueError("the holes in its header are not those of the array 'solved'")
+        expected = (*shape, d + self.basis.shape[1]), (nv * d, self.basis.shape[1]), (count, d), (count,), (count,)
+        arrays = self.values, self.basis, self.error.points, self.error.force, self.error.u
+        if (got := tuple(array.shape for array in arrays)) != expected:
+            raise ValueError(f"its arrays have shapes {got}; expected {expected}")
+        if not all(self.holes.values()) or not self.holes.keys() <= set(map(str, range(self.values[..., 0].size))):
+            raise ValueError("the holes in its header are not those of the grid")
 
 
-class TableFile(Store[SavedTable]):
+class TableFile(Store[ResponseTable]):
     """File of the table of a response."""
 
-    known, schema = ("precomputed response of skfem-stvk", 1), SavedTable
+    known, schema = ("precomputed response of skfem-stvk", 1), ResponseTable
     remedy = "Compute it again."
+
+
+def point_text(point: Array | tuple[float, ...]) -> str:
+    """Return a displacement as text."""
+    return f"({', '.join(f'{one:.4g}' for one in point)})"

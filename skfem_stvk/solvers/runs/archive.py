@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...npz import Stored, arrays_of
-from ...results.complete_files import ForeignFile, in_all_parts, of_leader, replacing
-from ...results.one_writer import OneWriter
+from ...results.complete_files import ForeignFile, OneWriter, in_all_parts, of_leader, replacing
 from ...space import ONE_PROCESS, Space
 from ...system.signature import Fingerprint, Signature
 
@@ -76,18 +75,18 @@ class Store(Generic[OfRecord]):
         return checked_header(file, read_archive(file, cls.known, remedy, only_header=True)[0], remedy)
 
     @classmethod
-    def read_file(cls, file: Path, space: Space | None = None) -> tuple[Signature, OfRecord]:
+    def read_file(cls, file: Path, space: Space | None = None, remedy: str = "") -> tuple[Signature, OfRecord]:
         """Return the problem and the record of a file. Arrays by degree of freedom are those of the `space`, which may be of
         another division of the body than when the file was written.
 
         Raises ForeignFile if it is not one of this format; StvkError in all parts of a divided body if one part cannot read it.
         """
-        comm = ONE_PROCESS if space is None else space.comm
+        comm, remedy = ONE_PROCESS if space is None else space.comm, remedy or cls.remedy
         with in_all_parts(comm):
-            plain, arrays = read_archive(file, cls.known, cls.remedy)
-            header = checked_header(file, plain, cls.remedy)
-        vectors = {} if space is None else of_parts(file, header.parts, space, cls.remedy)
-        with in_all_parts(comm), refusing_damage(file, cls.remedy):
+            plain, arrays = read_archive(file, cls.known, remedy)
+            header = checked_header(file, plain, remedy)
+        vectors = {} if space is None else of_parts(file, header.parts, space, remedy)
+        with in_all_parts(comm), refusing_damage(file, remedy):
             return header.problem, validated(cls.schema, header.record, partial(_found, arrays, vectors, space))
 
 

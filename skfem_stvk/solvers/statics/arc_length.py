@@ -192,7 +192,7 @@ class ArcLength(Continuation):
 
     def _correct(self, u: Array, t: float, plane: Hyperplane) -> tuple[Array, float, End, Iterations] | Attempt:
         """Find the equilibrium in a plane with no more inverted elements than allowed; return a failed attempt otherwise."""
-        limit, contact = self.problem.contact_limit(self.u, u - self.u)
+        limit, contact = self.problem.contact_limit(self.u, u - self.u, self.t)
         if limit <= 1:
             return Attempt(t, End.CONTACT, Iterations(residuals=[], detail=f"{contact!r}"))
         u, t, end, record = correct(self.problem, u, t, plane, self._rtol, self._options.iterating)

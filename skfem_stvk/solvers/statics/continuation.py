@@ -87,14 +87,21 @@ class Continuation(ABC):
                 self._reset_reference_force()
         body = self.problem.body
         while not self._failed and not self.reached:
-            history = body.history()
-            body.commit(self.u, self.t)
+            history = self.history
+            self.problem.begin_step(body.advanced(history, self.u, self.problem.moment(self.t)))
             outcome = self._advance()
             if not isinstance(outcome, Step):
                 body.return_to(history)
+                self.problem.begin_step(history)
             if outcome is None:
                 return
             yield outcome
+
+    @property
+    def history(self) -> tuple[Array, ...]:
+        """History of the terms after the last step."""
+        step = self.problem.step
+        return () if step is None else self.problem.body.after_step(step.history)
 
     def _begin(self) -> Step | Attempt | None:
         """Return the equilibrium at `t0`; None if the start is zero and in equilibrium."""
@@ -151,25 +158,27 @@ class Continuation(ABC):
         u, end, record = newton(self.problem, start, t, NewtonOptions(self._rtol, self._allowed, full_first, watch))
         if not end.converged:
             return Attempt(t, end, record)
-        if passed := self._passed_shape(u):
+        if passed := self._passed_shape(u, t):
             record.detail = f"{passed!r}"
             return Attempt(t, End.CONTACT, record)
         return u, end, record
 
-    def _passed_shape(self, u: Array) -> str:
+    def _passed_shape(self, u: Array, t: float) -> str:
         """Return the name of a contact whose moving shape is passed on the way from the last state; "" if there is none."""
-        ends = [by_vertex(self.problem.system.mesh, state) for state in (self.u, u)] if self.problem.system.contacts else []
-        return next((one.name for one in self.problem.system.contacts if one.shape is not None and one.passes(*ends)), "")
+        system = self.problem.system
+        ends = [by_vertex(system.mesh, state) for state in (self.u, u)] if system.contacts else []
+        contacts = system.contacts_at(self.problem.moment(t))
+        return next((one.name for one in contacts if one.shape is not None and one.passes(*ends)), "")
 
     def _blocked(self, u: Array, t: float, record: Iterations) -> Attempt | None:
         """Return a failed attempt if `u` has more inverted elements than allowed, or cannot be reached on a straight line."""
         inverted = self.problem.inside_out(u)
         if len(inverted) <= self._allowed:
-            limit, contact = self.problem.contact_limit(self.u, u - self.u)
+            limit, contact = self.problem.contact_limit(self.u, u - self.u, self.t)
             if limit <= 1:
                 record.detail = f"{contact!r}"
                 return Attempt(t, End.CONTACT, record)
-            if self.problem.way_is_free(self.u, u):
+            if self.problem.way_is_free(self.u, u, self.t):
                 return None
         record.detail = self.problem.named(inverted)
         return Attempt(t, End.INSIDE_OUT, record)
@@ -198,7 +207,7 @@ class Continuation(ABC):
             critical = () if before is None else find(problem, before, point, False, self._rtol)
         status = Status.INVERTED if len(inverted) else Status.UNSTABLE if point.unstable else end.status
         energies, smallest = problem.energies(u, t), problem.system.smallest_volume_ratio(full)
-        findings = (*self._options.monitors.at(full), *contact_findings_at(problem.system, full))
+        findings = (*self._options.monitors.at(full), *contact_findings_at(problem.system, full, problem.moment(t)))
         now, clock = perf_counter(), self._clock
         self.t, self.u, self._point, self._allowed, self._clock = t, u, point, len(inverted), now
         return Step(t, full, status, end, record, *energies, smallest, lowest, jump, findings, critical, now - clock)

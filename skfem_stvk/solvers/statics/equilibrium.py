@@ -18,7 +18,7 @@ from ...system.coordinates import Coordinates, DenseTangent
 from ...system.equation import Equation
 from ...system.free_tangent import FreeTangent, kind_of
 from ...system.round_off import EPS
-from ...terms.loads.load import Time
+from ...terms.loads.load import Moment, StepStart, Time
 from ..newton.problem import Residual, Tangent
 from ..newton.stopwatch import Stopwatch
 
@@ -47,6 +47,8 @@ class Equilibrium(Equation):
     ----------
     largest
         Largest force scale on the path so far [N].
+    step
+        Beginning of the present step; None if no term has a history.
     """
 
     def __init__(self, body: System | Coordinates, solver: LinearSolver | None, watch: Stopwatch) -> None:
@@ -56,6 +58,15 @@ class Equilibrium(Equation):
         if body.constant_tangent:
             self.largest_rtol = PRECISE
         self.largest, self._checks_left = 0.0, MOST_CHECKS
+        self.begin_step(body.first_history())
+
+    def begin_step(self, history: tuple[Array, ...]) -> None:
+        """Begin a step of the path with this history of the terms, such as friction."""
+        self.step = StepStart(history, in_time=False) if history else None
+
+    def moment(self, t: Time) -> Moment:
+        """Return the load factor `t` within the present step."""
+        return Moment.of(t)._replace(step=self.step)
 
     @property
     def symmetric(self) -> bool:
@@ -68,12 +79,12 @@ class Equilibrium(Equation):
     def residual(self, u: Array, t: Time) -> Residual:
         with self._watch("assemble"):
             external = self.body.external_force(u, t)
-            force = self.body.internal_force(u)
+            force = self.body.internal_force(u, self.moment(t))
             force -= external
             free = self.space.restrict(force)
             size, scale = self.space.norm(free), self.tangent.scale(external, force)
             if self.system.contacts:
-                scale += self.states.norm(self.system.contact_force(u))
+                scale += self.states.norm(self.system.contact_force(u, self.moment(t)))
             if not np.isfinite(size + scale):
                 largest = self.states.comm.most(float(np.abs(self.states.expand(u)).max()))
                 raise StateError(f"The residual overflows at displacements of up to {largest:.1e}.")
@@ -81,7 +92,7 @@ class Equilibrium(Equation):
 
     def round_off(self, u: Array, t: Time) -> float:
         with self._watch("assemble"):
-            sums = self.tangent.round_off(u) + np.abs(self.body.external_force(u, t))
+            sums = self.tangent.round_off(u, self.moment(t)) + np.abs(self.body.external_force(u, t))
             return EPS * self.space.norm(self.space.restrict(sums))
 
     def factorise(self, u: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
@@ -89,7 +100,7 @@ class Equilibrium(Equation):
         if exact and self.tangent.constant_factors is not None:
             return self.tangent.constant_factors
         with self._watch("assemble"):
-            K = self.tangent.at(u, t, ALL if exact else TENSILE, tangent is Tangent.SHIFTED)
+            K = self.tangent.at(u, self.moment(t), ALL if exact else TENSILE, tangent is Tangent.SHIFTED)
         with self._watch("factor"):
             return self.tangent.factorise(K, exact)
 
@@ -110,13 +121,13 @@ class Equilibrium(Equation):
 
     def matrix(self, u: Array, t: Time) -> tuple[csr_matrix, Unknowns]:
         with self._watch("assemble"):
-            return self.tangent.new_matrix(u, t)
+            return self.tangent.new_matrix(u, self.moment(t))
 
     def operator(self, u: Array, t: Time) -> FreeOperator | csr_matrix:
         if not isinstance(self.tangent, FreeTangent) or not self.system.dead:  # the load stiffness exists only as a matrix
             return self.matrix(u, t)[0]
         with self._watch("assemble"):
-            return FreeOperator(self.system.linear_operator(u), self.tangent.free)
+            return FreeOperator(self.system.linear_operator(u, t=self.moment(t)), self.tangent.free)
 
     def stiffness_norm(self, u: Array, t: Time) -> float:
         """Return the largest absolute row sum of K [N/m]; for an operator, twice the largest row sum of its diagonal blocks."""
@@ -163,7 +174,7 @@ class Equilibrium(Equation):
     def energies(self, u: Array, t: Time) -> tuple[float, float]:
         """Return the strain energy and the potential [J]; NaN if a term has no energy, or a load has no potential."""
         with self._watch("assemble"):
-            return sum(self.body.elastic_energies(u)), self.body.potential(u, t) if self.system.conservative else float("nan")
+            return sum(self.body.elastic_energies(u, t)), self.body.potential(u, t) if self.system.conservative else float("nan")
 
 
 def _tangent(system: System, solver: LinearSolver | None) -> FreeTangent:

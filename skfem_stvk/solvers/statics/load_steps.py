@@ -125,7 +125,7 @@ class LoadSteps(Continuation):
 
     def _equilibrium(self, before: PathState, start: Array, t: float) -> Array | None:
         """Find the state at `t` after the state `before`, to the precision needed to detect a jump; None if it is not found."""
-        if len(self.problem.inside_out(start)) > self._allowed or not self.problem.way_is_free(before.u, start):
+        if len(self.problem.inside_out(start)) > self._allowed or not self.problem.way_is_free(before.u, start, before.t):
             start = self.problem.body.prescribe(before.u.copy(), t)
         u, end, _ = newton(self.problem, start, t, NewtonOptions(max(self._rtol, LOOSE), self._allowed))
         return u if end.converged else None
@@ -141,7 +141,7 @@ class LoadSteps(Continuation):
         u = self._extrapolated(t)
         if u is not None:
             self.problem.body.prescribe(u, t)
-            if len(self.problem.inside_out(u)) <= self._allowed and self.problem.way_is_free(self.u, u):
+            if len(self.problem.inside_out(u)) <= self._allowed and self.problem.way_is_free(self.u, u, self.t):
                 return u
         move = self.problem.body.prescribe(self.u.copy(), t) - self.u
         return self._moved_with_supports(move, t) if self.problem.states.comm.any(bool(move.any())) else self.u + move

@@ -8,15 +8,16 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from ...arguments import Array
 from ...errors import StvkError
 from ...npz import Count
 from ...results.complete_files import in_all_parts, output_folder
 from ...system import System
 from ...system.signature import Fingerprint
+from ...terms.loads.load import Moment, StepStart
 from ..newton.outcome import Status
 from ..runs.archive import STRICT, FolderStore, refusing_damage, remove_file
 from ..runs.outputs import OutputFiles
-from ..runs.state_files import PATH, PATH_FILE
 from .arc_length import ArcLengthState
 from .continuation import ContinuationState
 from .equilibrium import SMALLEST_SCALE
@@ -33,7 +34,7 @@ REMEDY = "Pass the same arguments to resume it, or name another folder. overwrit
 
 
 @dataclass(frozen=True)
-class SavedState:
+class SavedStep:
     """Record of a file with one state: its number on the path, the state, and the next step of the continuation."""
 
     __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
@@ -43,7 +44,7 @@ class SavedState:
     next: LoadStepsState | ArcLengthState
 
 
-class PathCheckpoint(FolderStore[SavedState]):
+class PathCheckpoint(FolderStore[SavedStep]):
     """Folder with a file for each state of a path. A run that is killed loses no finished state.
 
     A resumed run finds its states in `steps`, and the state of the continuation after the last step in `saved`. Without `resume`,
@@ -52,7 +53,7 @@ class PathCheckpoint(FolderStore[SavedState]):
     In a divided body, each part has a file of its own for each state.
     """
 
-    known, name, schema = PATH, PATH_FILE, SavedState
+    known, name, schema = ("path of skfem-stvk", 3), "state_{:05d}.npz", SavedStep
     remedy = "Remove it and all later states, and resume; or start again with overwrite=True and without resume."
 
     def __init__(self, folder: Path, system: System, problem: Fingerprint, output_files: OutputFiles) -> None:
@@ -61,6 +62,7 @@ class PathCheckpoint(FolderStore[SavedState]):
         self._count = 0
         self._old_files: list[Path] = []
         self.steps: list[Step] = []
+        self.histories: list[tuple[Array, ...]] = []  # of the terms at the beginning of each step
         self.saved: ContinuationState | None = None
 
     def opened(self) -> None:
@@ -80,7 +82,7 @@ class PathCheckpoint(FolderStore[SavedState]):
                 if self.comm.leads:
                     remove_file(self._old_files[-1])
                 self._old_files.pop()
-        self.write(self.numbered(self._count), SavedState(self._count, step, saved))
+        self.write(self.numbered(self._count), SavedStep(self._count, step, saved))
         self._count += 1
 
     def _load(self, files: list[Path]) -> None:
@@ -95,14 +97,19 @@ class PathCheckpoint(FolderStore[SavedState]):
             with refusing_damage(file, self.remedy):
                 if record.number != number:
                     raise ValueError(f"its number is {record.number}; expected {number}, its position on the path")
-                if self.steps:
-                    self._system.commit(self.steps[-1].u, self.steps[-1].t)
+                self.histories.append(self._next_history())
                 _check_state(self._system, record.state)
-                _check_equilibrium(self._system, record, options["rtol"])
+                _check_equilibrium(self._system, record, options["rtol"], self.histories[-1])
                 _check_order(self.steps[-1].t if self.steps else -np.inf, record, options)
             self.steps.append(record.state)
             self.saved = record.next
         self._count = len(files)
+
+    def _next_history(self) -> tuple[Array, ...]:
+        """Return the history of the terms at the beginning of the step after those that are read."""
+        if not self.steps:
+            return self._system.first_history()
+        return self._system.advanced(self.histories[-1], self.steps[-1].u, Moment.of(self.steps[-1].t))
 
 
 def _check_state(system: System, step: Step) -> None:
@@ -112,12 +119,12 @@ def _check_state(system: System, step: Step) -> None:
     for finding in step.findings:
         if not ((finding.elements >= 0) & (finding.elements < system.mesh.element_count)).all():
             raise ValueError(f"its finding '{finding.name}' is of elements that do not exist")
-    energy = sum(system.elastic_energies(step.u))
+    energy = sum(system.elastic_energies(step.u, step.t))
     if not np.isclose(step.strain_energy, energy, rtol=ENERGY, atol=np.finfo(float).tiny, equal_nan=True):
         raise ValueError(f"its strain energy is {step.strain_energy:g}; expected {energy:g}, the energy of its displacements")
 
 
-def _check_order(last: float, record: SavedState, options: dict[str, Any]) -> None:
+def _check_order(last: float, record: SavedStep, options: dict[str, Any]) -> None:
     """Raise ValueError with a message if a state is not the next one of its path, after the load factor `last`."""
     step, after, load_steps = record.state, record.next, options["method"] == LoadSteps.name
     if isinstance(after, LoadStepsState) != load_steps:
@@ -135,20 +142,21 @@ def _check_order(last: float, record: SavedState, options: dict[str, Any]) -> No
         )
 
 
-def _check_equilibrium(system: System, record: SavedState, rtol: float) -> None:
+def _check_equilibrium(system: System, record: SavedStep, rtol: float, history: tuple[Array, ...]) -> None:
     """Raise ValueError with a message if displacements and load factor are not an equilibrium of the system."""
     step, u = record.state, record.state.u
+    moment = Moment(step.t, step.t, step=StepStart(history, in_time=False))
     constrained, prescribed = system.supports.held, system.supports.values(step.t)
     gap, *sizes = (system.space.comm.most(float(np.abs(x).max(initial=0.0))) for x in (u[constrained] - prescribed, prescribed, u))
     if gap > 1e-9 * sum(sizes):
         raise ValueError(f"its displacements differ from those of the supports at t = {step.t:g} by up to {gap:.3g} m")
     loads = system.external_force(u, step.t)
-    forces = system.internal_force(u) - loads
+    forces = system.internal_force(u, moment) - loads
     reactions = forces[constrained].copy()
     forces[constrained] = 0
     scale = system.space.norm(loads) + system.space.on(constrained).norm(reactions)
     if system.contacts:
-        scale += system.space.norm(system.contact_force(u))
+        scale += system.space.norm(system.contact_force(u, moment))
     small, size = RESIDUAL * max(rtol, step.iterations.residuals[-1]), system.space.norm(forces)
     if size > small * max(scale, SMALLEST_SCALE * record.next.largest):
         raise ValueError(f"it is no equilibrium: its residual at t = {step.t:g} is {size / scale:.3g} of the loads and reactions")

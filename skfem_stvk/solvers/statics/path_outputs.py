@@ -13,6 +13,7 @@ from ...space import Space
 from ...system import System
 from ...system.signature import Fingerprint
 from ...terminal import Progress
+from ...terms.loads.load import Moment
 from ..newton.newton import Iterations
 from ..runs.outputs import OutputFiles, StateSeries
 from .history import Attempt, Step
@@ -35,10 +36,10 @@ class PathOutputs:
         if files.save is not None:
             self._series = stack.enter_context(StateSeries(files.save, system, problem, files))
 
-    def save(self, t: float, step: Step) -> None:
-        """Write a state to the series."""
+    def save(self, t: float, step: Step, moment: Moment) -> None:
+        """Write a state at a moment of its step to the series, as that of `t`."""
         if self._series is not None:
-            self._series.add_state(t, self._system, step.u, step.t)
+            self._series.add_state(t, self._system, step.u, moment)
 
 
 class PathProgress(Progress):

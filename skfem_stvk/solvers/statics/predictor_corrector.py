@@ -107,7 +107,7 @@ def correct(
             dt = (miss - problem.states.dot(plane.normal, x)) / slope
             if not np.isfinite(t + dt):
                 return u, t, End.OVERFLOW, record
-            limit, contact = problem.contact_limit(u, x + dt * y)
+            limit, contact = problem.contact_limit(u, x + dt * y, t)
             if limit <= 1:
                 record.detail = f"{contact!r}"
                 return u, t, End.CONTACT, record

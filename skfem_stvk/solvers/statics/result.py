@@ -18,8 +18,9 @@ from ...results.reactions import ground_forces_at_rest
 from ...results.series import save_series
 from ...results.vtu import DEFAULT
 from ...system import System
+from ...terms.loads.load import Moment, StepStart
 from ..newton.outcome import Status, with_remedy
-from ..runs.result import RunResult
+from ..runs.run_result import RunResult
 from .critical import CriticalPoint
 from .history import History, Step
 
@@ -46,6 +47,8 @@ class StaticResult(RunResult):
         Seconds by part: assemble, factor, solve, other.
     projected
         Whether the states are those of a `ReducedSystem`, in equilibrium on its basis. Then reactions need a linear solve.
+    step
+        Beginning of the last step, from which friction acts; None if no term has a history.
 
     Examples
     --------
@@ -67,10 +70,11 @@ class StaticResult(RunResult):
     solver: str
     seconds: dict[str, float]
     projected: bool = False
+    step: StepStart | None = None
 
     @property
-    def _end(self) -> tuple[float, None, None]:
-        return self.t, None, None
+    def _end(self) -> tuple[Moment, None, None]:
+        return Moment(self.t, self.t, step=self.step), None, None
 
     def _ground_forces(self) -> Array:
         return ground_forces_at_rest(self.system, self.u, self.t, self.projected)
@@ -138,7 +142,7 @@ class StaticResult(RunResult):
         increasing = bool((np.diff(self.history.t) > 0).all())
         times = self.history.t if increasing else range(1, len(self.history) + 1)
         at, system = self.state.fields.at, self.system
-        rubs = any(contact.has_friction for contact in system.working_contacts)
+        rubs = any(contact.has_friction for contact in system.contacts)
         contacts = (() if rubs else contact_states(system, step.u, step.t) for step in self.history)
         states = (at(step.u, contacts=known) for step, known in zip(self.history, contacts, strict=True))
         return save_series(path, fields, zip(map(float, times), states, strict=True))

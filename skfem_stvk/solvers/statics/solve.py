@@ -24,7 +24,7 @@ from ...system.divided import parts_line, refuse_divided
 from ...system.free_tangent import solver_for
 from ...system.protocol import ReducedLike, checked_system
 from ...system.signature import AUTO, sums_of
-from ...terms.protocols import set_time
+from ...system.system import for_analysis
 from ...units import remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..newton.stability import Verdict, stability_of
@@ -157,7 +157,7 @@ def solve_static(
         quiet=quiet,
         raise_on_failure=raise_on_failure,
     )
-    body = system.in_coordinates if isinstance(system, ReducedLike) else checked_system(system).for_analysis(in_time=False)
+    body = system.in_coordinates if isinstance(system, ReducedLike) else for_analysis(checked_system(system), False)
     return _Solve(body, u0, options).result()
 
 
@@ -247,12 +247,11 @@ def _start(system: System, u0: ArrayLike | None, t0: float) -> Array:
             "Nothing acts on the body: no load, nothing prescribed. Add Gravity(...), Traction(...) or prescribed={...}."
         )
     start = np.zeros(system.ndofs) if u0 is None else np.array(by_vertex(system.mesh, u0, "u0"), dtype=np.float64).ravel()
-    system.elastic_energies(start)  # raises an error on overflow
-    set_time(system.bound_terms, t0)
+    system.elastic_energies(start, t0)  # raises an error on overflow
     with system.units.of_errors():
-        for contact in system.contacts:
+        for contact in system.contacts_at(t0):
             contact.refuse_start(start.reshape(-1, system.mesh.d))
-    system.check_held(start)
+    system.check_held(start, t0)
     return start
 
 
@@ -320,7 +319,8 @@ class _Solve:
         found = [] if checkpoint is None else checkpoint.steps
         if checkpoint is not None and found:
             report.resumed(checkpoint.folder, len(found))
-        for step in found:
+        for step, history in zip(found, [] if checkpoint is None else checkpoint.histories, strict=True):
+            self._problem.begin_step(history)
             self._note(step, outputs, report)
         for outcome in continuation.states(resumed=bool(found)):
             self._note(outcome, outputs, report)
@@ -334,7 +334,8 @@ class _Solve:
         self._history.append(outcome)
         report.line(outcome)
         if isinstance(outcome, Step):
-            outputs.save(len(self._history) if self._options.arc_length else outcome.t, outcome)
+            t = len(self._history) if self._options.arc_length else outcome.t
+            outputs.save(t, outcome, self._problem.moment(outcome.t))
 
     def _judge(self, problem: Equilibrium, continuation: Continuation) -> None:
         """Check the stability of the last state; if the path stopped early, check whether its branch ends there."""
@@ -379,10 +380,10 @@ class _Solve:
                 cause=self._cause,
             )
         )
-        solver, parts = problem.tangent.solver.name, self._watch.parts()
+        solver, parts, projected = problem.tangent.solver.name, self._watch.parts(), problem.body is not self._system
         if solver != self._requested_solver:
             message += f" '{self._requested_solver}' stopped at its round-off in this body, so '{solver}' took over."
-        return StaticResult(self._system, u, t, status, message, history, solver, parts, problem.body is not self._system)
+        return StaticResult(self._system, u, t, status, message, history, solver, parts, projected, problem.step)
 
 
 def _new_findings(history: History) -> Iterator[str]:

@@ -21,7 +21,7 @@ from ...kernels.corotated_law import CorotatedLaw
 from ...mesh import ElementMesh
 from ..body import Body
 from ..loads.load import Moment, Time
-from ..protocols import Deformation, PointResponse
+from ..term import Deformation, PointResponse
 from .elastic_law import ElasticLaw
 from .response_at_points import response_of_stretches
 
@@ -82,6 +82,7 @@ class Corotated(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
+    has_response = True
 
     rotation: Annotated[
         str | Callable[[float], ArrayLike],
@@ -106,7 +107,7 @@ class Corotated(ElasticLaw):
         """
         bound, mesh = super().bind(body, dtype), body.mesh if isinstance(body, Body) else body
         if callable(self.rotation):
-            bound.at(0.0)
+            bound = bound.at(0.0, None)
         if self.rotation != "vertex":
             return bound
         if mesh.k < 2 or mesh.k < mesh.d:
@@ -131,7 +132,7 @@ class Corotated(ElasticLaw):
         return self.rotation == "element"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `HasResponse`, by the rotation of each element.
+        """Return the response as in `Term`, by the rotation of each element.
 
         Parameters
         ----------

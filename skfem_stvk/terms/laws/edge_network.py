@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -21,6 +21,7 @@ from ...linear.inertia import COUNTED, inertia
 from ...linear.solver import Unknowns
 from ...mesh import ElementMesh, MeshLike
 from ..body import Body
+from ..term import Term
 from .stvk import StVK
 
 #: Sums of coefficients that cancel to less than this fraction of them are rounding errors.
@@ -30,7 +31,7 @@ PAIRS = ("all", "none", "adjacent", "opposite")
 
 
 @dataclass(frozen=True, eq=False)
-class EdgeNetwork:
+class EdgeNetwork(Term):
     """Sum over edges and pairs of edges: `W = 1/4 sum_i L_ii zeta_i^2 + 1/2 sum_{pairs i < j} L_ij zeta_i zeta_j`.
 
     The variables are `zeta = |p|^2 - |P|^2` of each edge [m^2], and coefficients `L` of any origin. With the `L` of linear
@@ -72,6 +73,8 @@ class EdgeNetwork:
     >>> network, network.without("opposite")
     (EdgeNetwork(89 edges, 312 adjacent and 72 opposite pairs), EdgeNetwork(89 edges, 312 adjacent and 0 opposite pairs))
     """
+
+    has_mass: ClassVar[bool] = True
 
     edges: NDArray[Any]
     L: csr_matrix = field(repr=False)
@@ -125,6 +128,13 @@ class EdgeNetwork:
         if pairs == "all":
             return self
         return self.diagonal() if pairs == "none" else self.without("opposite" if pairs == "adjacent" else "adjacent")
+
+    @property
+    def without_mass(self) -> str:
+        """Reason for which nodes have no mass; empty if there are laws, which supply it."""
+        return (
+            "" if self.laws else "an EdgeNetwork(edges, L) has no elements. Make it by EdgeNetwork.of(mesh, StVK(..., density=...))"
+        )
 
     @property
     def per_element(self) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from copy import copy
 from dataclasses import InitVar, dataclass, field
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -18,6 +18,7 @@ from ...edges.stiffness import StoredLaw
 from ...errors import MaterialError
 from ...mesh import ElementMesh
 from ..body import Body
+from ..term import Term
 
 Law = TypeVar("Law", bound="ElasticLaw")
 
@@ -30,7 +31,7 @@ OfArea = Annotated[ArrayLike | None, Quantity("area", "Cross-section of segments
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticLaw(Specification, ABC):
+class ElasticLaw(Specification, Term):
     """Law on the elements of a region, a specification without a mesh; for the parameters see `StVK`.
 
     Raises
@@ -39,7 +40,9 @@ class ElasticLaw(Specification, ABC):
         if a constant is missing, specified twice or out of range; when it is bound, if it does not fit the mesh.
     """
 
-    per_element: ClassVar[bool] = True
+    per_element = True
+    is_law: ClassVar[bool] = True
+    has_mass: ClassVar[bool] = True
 
     material: OfMaterial = None
     region: OfRegion = None

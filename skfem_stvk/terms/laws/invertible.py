@@ -18,7 +18,7 @@ from ...errors import MaterialError
 from ...kernels.invertible_law import InvertibleLaw
 from ...mesh import ElementMesh
 from ..body import Body
-from ..protocols import Deformation, PointResponse
+from ..term import Deformation, PointResponse
 from .elastic_law import ElasticLaw
 from .response_at_points import response_of_stretches
 
@@ -85,6 +85,7 @@ class InvertibleStVK(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
+    has_response = True
     assembly = BoundEnergyOfStretches
 
     threshold: Annotated[float, Quantity(None, "Principal stretch below which it is continued.", gt=LEAST, lt=1)] = field(
@@ -139,7 +140,7 @@ class InvertibleStVK(ElasticLaw):
         return self.extend == "energy"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `HasResponse`.
+        """Return the response as in `Term`.
 
         Parameters
         ----------

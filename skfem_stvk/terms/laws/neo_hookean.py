@@ -17,7 +17,7 @@ from ...edges.stiffness import LawInFrames, StoredLaw
 from ...errors import MaterialError, name_ids
 from ...kernels.neo_hookean_law import NeoHookeanLaw, NeoHookeanSheet
 from ...mesh import ElementMesh
-from ..protocols import Deformation, PointResponse
+from ..term import Deformation, PointResponse
 from .elastic_law import ElasticLaw
 from .response_at_points import embedded, stress_and_density
 
@@ -84,6 +84,7 @@ class NeoHookean(ElasticLaw):
     """
 
     resists_inversion: ClassVar[bool] = True
+    has_response = True
     assembly = BoundEnergyOfStrain
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
@@ -106,7 +107,7 @@ class NeoHookean(ElasticLaw):
         return NeoHookeanStiffness(lam, mu, hypothesis.condensed)
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `HasResponse`.
+        """Return the response as in `Term`.
 
         Parameters
         ----------

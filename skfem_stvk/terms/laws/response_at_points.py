@@ -14,7 +14,7 @@ from ...edges.materials import Hypothesis, Isotropic
 from ...edges.stiffness import IsotropicStiffness, LawInFrames, flat_of
 from ...edges.topology import in_lanes
 from ...kernels import fields_at_points as point_kernels
-from ..protocols import Deformation, PointResponse
+from ..term import Deformation, PointResponse
 
 #: A smaller stretch counts as zero.
 FLAT = 1e-9

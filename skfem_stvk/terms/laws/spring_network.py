@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import InitVar, dataclass
 from functools import partial
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -20,6 +20,7 @@ from ...mesh import ElementMesh, MeshLike
 from ...mesh.element import LOCAL_EDGES
 from ...mesh.geometry import Geometry
 from ..body import Body
+from ..term import Term
 from .elastic_law import OfArea, OfMaterial, OfPlane, OfRegion, OfThickness
 from .stvk import StVK
 
@@ -30,7 +31,7 @@ NEAR = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class SpringNetwork:
+class SpringNetwork(Term):
     """Hookean springs along the edges of linear simplices: `W = sum 1/2 k_i (l_i - L_i)^2`, `L_i` the length at rest.
 
     A spring network is not the same as the elastic body that it approximates. Springs alone can only have a Poisson's ratio of 1/4
@@ -89,6 +90,8 @@ class SpringNetwork:
     >>> System(mesh, springs).energy(u) > 0
     True
     """
+
+    has_mass: ClassVar[bool] = True
 
     material: OfMaterial = None
     rule: Annotated[str | None, Quantity(None, "How their stiffness is made.", values=tuple(RULES), otherwise="least-squares")] = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -18,7 +17,7 @@ from ...errors import MaterialError
 from ...kernels.st_venant_kirchhoff import IsotropicLaw
 from ...kernels.tension_fields import TensionLaw
 from ...mesh import ElementMesh
-from ..protocols import Deformation, PointResponse
+from ..term import Deformation, PointResponse
 from .elastic_law import ElasticLaw
 from .response_at_points import stress_and_density
 
@@ -91,9 +90,8 @@ class StVK(ElasticLaw):
         return BoundTensionField if self.wrinkling else BoundStVK
 
     @property
-    def response(self) -> Callable[[Deformation], PointResponse] | None:
-        """Method of `HasResponse` with wrinkling; otherwise None, since the law is then `S = C : E`."""
-        return self._relaxed if self.wrinkling else None
+    def has_response(self) -> bool:
+        return self.wrinkling
 
     def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness | AnisotropicStiffness:
         """Return the stiffness of each simplex of the region, in the form that stores least.
@@ -135,7 +133,7 @@ class StVK(ElasticLaw):
             )
         return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
 
-    def _relaxed(self, at: Deformation) -> PointResponse:
+    def response(self, at: Deformation) -> PointResponse:
         """Return the response with wrinkling: the stress of the relaxed energy, and the strain that it causes in all directions.
 
         Within the element this is the natural strain, without the width that folds take.

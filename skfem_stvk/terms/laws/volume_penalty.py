@@ -28,6 +28,7 @@ from ...kernels.volume_energies import BARRIER, COMPRESSION, QUADRATIC
 from ...mesh import ElementMesh
 from ...mesh.points import base_vectors_at, determinants
 from ..body import Body
+from ..term import Term
 
 #: End of messages about elements with `J <= 0`.
 INFINITE_ENERGY = (
@@ -109,7 +110,7 @@ ENERGIES = {
 
 
 @dataclass(frozen=True, eq=False)
-class VolumePenalty:
+class VolumePenalty(Term):
     """Resistance to the loss of volume: `W = integral of psi(J) dV` over elements at rest, `J` the ratio of their signed volumes.
 
     A St. Venant-Kirchhoff material softens in compression, and an inverted element has the same energy as its mirror image. With
@@ -161,7 +162,8 @@ class VolumePenalty:
     """
 
     resists_inversion: ClassVar[bool] = True
-    per_element: ClassVar[bool] = True
+    has_pressure: ClassVar[bool] = True
+    per_element = True
 
     stiffness: Annotated[ArrayLike | None, Quantity("stress", "Stiffness; by default the usual part of the material's.", gt=0)] = (
         None

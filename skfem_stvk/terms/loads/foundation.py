@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -18,11 +17,12 @@ from ...kernels.simplex_topology import edges_of_simplices
 from ...mesh import ElementMesh
 from ...mesh.locations import Where, describe, facets_at
 from ..body import Body
+from ..term import Term
 from .spread import Spread
 
 
 @dataclass(frozen=True, eq=False)
-class ElasticFoundation:
+class ElasticFoundation(Term):
     """Elastic bedding: `W = 1/2 integral of k_x u_x^2 + k_y u_y^2 + k_z u_z^2 dA` over facets of the body at rest.
 
     The bedding pulls and pushes along the coordinate axes, over curved facets too. The area of edges is length times thickness, and
@@ -52,7 +52,7 @@ class ElasticFoundation:
     50.0
     """
 
-    per_element: ClassVar[bool] = True
+    per_element = True
 
     where: Annotated[Where, Quantity(None, "Place with the boundary facets that the foundation supports.")]
     stiffness: Annotated[
@@ -106,11 +106,7 @@ class Bedding(BoundTerm):
     def __init__(self, body: Body, where: Where, facets: NDArray[np.int32], stiffness: Array, dtype: DTypeLike) -> None:
         self.where = where
         self._k, self._body, self._facets, self._dtype = stiffness, body, facets, dtype
-        self._set_areas(body)
-
-    def _set_areas(self, body: Body) -> None:
-        """Use the areas of the facets of a body."""
-        spread = Spread(body.mesh, body.facet, self._facets, body.facet_areas(self._facets))
+        spread = Spread(body.mesh, body.facet, facets, body.facet_areas(facets))
         self.nodes = spread.vertices
         local, self._between, self._own = _masses(spread, self._dtype)
         self.nodes_paired = spread.vertices[local].astype(np.int32)
@@ -122,9 +118,7 @@ class Bedding(BoundTerm):
 
     def without(self, removed: NDArray[np.bool_]) -> Bedding:
         """Return the foundation without the facets whose elements are all removed, `removed` (nt,); the pairs stay, with zeros."""
-        other = copy(self)
-        other._set_areas(self._body.without(removed, self._body.bare))
-        return other
+        return Bedding(self._body.without(removed, self._body.bare), self.where, self._facets, self._k, self._dtype)
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         """Return the energy [J] at `u` (nv, d); add the force on the springs [N] to `force` (nv, d)."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
+from enum import Enum
 from math import isfinite
 from typing import Any, NamedTuple, TypeAlias
 
@@ -13,19 +14,59 @@ from ...arguments import Array, choice, number, real_array, shown
 from ...errors import LoadError, StateError, StvkError, name_ids
 
 
+class Assumed(Enum):
+    """Assumption on which the stiffness of a contact is computed, in place of the state.
+
+    APART       nothing touches: for K at rest
+    TOUCHING    the whole surface touches: for stable steps, because a body may meet a shape before the next review of its step
+    """
+
+    APART = "apart"
+    TOUCHING = "touching"
+
+
+#: What the stiffness of a contact assumes: None for the state; with two states (nv, d), a contact adds twice the derivative of its
+#: mean force between them by the second one.
+Assumption: TypeAlias = Assumed | tuple[Array, Array] | None
+
+
+class StepStart(NamedTuple):
+    """Beginning of the step of an analysis, from which terms with history, such as friction, continue.
+
+    Attributes
+    ----------
+    history
+        Numbers (n,) of each term with history, in the order of the terms.
+    in_time
+        Whether the analysis is a motion in time; otherwise it is a path of equilibria.
+    friction
+        Factor of friction in the equation of the step.
+    predicted
+        Displacements (nv, d) whose force per slip friction has for all slips, in steps with one linear solve; otherwise None.
+    """
+
+    history: tuple[Array, ...]
+    in_time: bool
+    friction: float = 1.0
+    predicted: Array | None = None
+
+
 class Moment(NamedTuple):
-    """The time at which functions of time are evaluated, and the factor of all constants.
+    """The time at which terms are evaluated, the factor of all constants, and the step of the analysis.
 
     In statics `t` is the load factor, and constants ramp with it. In dynamics `t` is time and constants do not ramp: `Moment(t,
-    1.0)`. There `mass` is that of the motion, "lumped" or "consistent", so that gravity acts on the masses in use.
+    1.0)`. There `mass` is that of the motion, "lumped" or "consistent", so that gravity acts on the masses in use. Friction acts
+    only within a `step`. The stiffness of contacts is that of the state, or that of the assumption `contact`.
 
-    >>> Moment.of(0.5), Moment.of(Moment(0.5, 1.0, "lumped"))
-    (Moment(time=0.5, factor=0.5, mass='consistent'), Moment(time=0.5, factor=1.0, mass='lumped'))
+    >>> Moment.of(0.5)[:3], Moment.of(Moment(0.5, 1.0, "lumped"))[:3]
+    ((0.5, 0.5, 'consistent'), (0.5, 1.0, 'lumped'))
     """
 
     time: float
     factor: float
     mass: str = "consistent"
+    step: StepStart | None = None
+    contact: Assumption = None
 
     @classmethod
     def of(cls, t: Time) -> Moment:
@@ -39,9 +80,16 @@ class Moment(NamedTuple):
             return cls(t, t)  # the usual case
         moment, expected = cls.of(t), "a finite load factor (in statics from 0 to 1) or time"
         time, factor = (number("t", one, expected, error=StateError) for one in moment[:2])
-        return cls(time, factor, choice("The masses of a Moment", moment.mass, ("consistent", "lumped"), StateError))
+        mass = choice("The masses of a Moment", moment.mass, ("consistent", "lumped"), StateError)
+        return moment._replace(time=time, factor=factor, mass=mass)
+
+    def assuming(self, contact: Assumption, friction: float = 1.0) -> Moment:
+        """Return the moment with this assumption on contacts, and with this factor of friction in the equation of the step."""
+        return self._replace(contact=contact, step=None if self.step is None else self.step._replace(friction=friction))
 
 
+#: Moment at which nothing touches the body, for K at rest.
+APART = Moment(0.0, 0.0, contact=Assumed.APART)
 #: A load factor, or a moment.
 Time: TypeAlias = float | Moment
 

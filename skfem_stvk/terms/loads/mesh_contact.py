@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, NamedTuple, cast
+from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -12,18 +11,18 @@ from scipy.sparse import csr_matrix
 
 from ...arguments import Array, Quantity, Specification, number, own, shown, text
 from ...edges import ALL, NodeBlocks, Tensions
-from ...edges.bound_term import BoundTerm
 from ...errors import ContactError, StvkError, name_ids
 from ...mesh import ElementMesh
 from ...mesh.diagnostics import parts
 from ...mesh.facets import linked
 from ...mesh.locations import Where
 from ..body import Body
-from ..protocols import Assumed, Assumption
+from ..term import Term
+from .bound_contact import BoundContact
 from .contact_surface import elements_behind, pieces_of, remaining_surface, surface_at, young_of
 from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .ipc import Barrier, Collisions
-from .load import Moment, Time
+from .load import Assumed, Assumption, Moment
 from .rigid_mesh import RigidMesh, winding_numbers
 
 EPS = float(np.finfo(float).eps)
@@ -36,7 +35,7 @@ UNUSED = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class MeshContact(Specification):
+class MeshContact(Specification, Term):
     """Contact of two surfaces, or of a surface with itself: a barrier at small distances, which nothing passes.
 
     ::
@@ -92,7 +91,6 @@ class MeshContact(Specification):
 
     error: ClassVar[type[StvkError]] = ContactError
     on_elements: ClassVar[bool] = True
-    per_element: ClassVar[bool] = False
 
     first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
     second: Annotated[
@@ -185,13 +183,84 @@ class ContactBlocks(NamedTuple):
     own: Array | None
 
 
-class BoundMeshContact(BoundTerm):
+class CoupledPairs:
+    """Pairs of nodes in K, which change as surfaces meet and part: the pattern of K belongs to an analysis, not to a state.
+
+    Attributes
+    ----------
+    keys
+        (n,) numbers `a nv + b` of the pairs `a < b`, ascending.
+    version
+        Number of changes.
+    grow
+        Whether pairs remain that are not in contact any more, as in an analysis; otherwise the pairs are those of the last K.
+    """
+
+    def __init__(self, grow: bool = False, keys: NDArray[np.int64] | None = None, version: int = 0) -> None:
+        self.keys = np.empty(0, dtype=np.int64) if keys is None else keys
+        self.version, self.grow = version, grow
+
+    def use(self, keys: NDArray[np.int64]) -> None:
+        """Couple the pairs with these keys."""
+        if not np.array_equal(keys, self.keys):
+            self.keys, self.version = keys, self.version + 1
+
+
+class LastResults:
+    """Results of the last calls, which calls at the same state use again. Copies and pickles have none of these objects.
+
+    Attributes
+    ----------
+    collisions, mean
+        Collisions at a state, and the mean force between two.
+    rubbing
+        History of a step, and the collisions that rub.
+    blocks
+        Key, history of the step, displacements of the nodes, and blocks.
+    """
+
+    def __init__(self) -> None:
+        self.collisions: Collisions | None = None
+        self.mean: Mean | None = None
+        self.rubbing: tuple[Array, Any] | None = None
+        self.blocks: tuple[Any, Array | None, tuple[Array, ...], ContactBlocks] | None = None
+
+    def __reduce__(self) -> tuple[type[LastResults], tuple[()]]:
+        return LastResults, ()
+
+
+class SurfacesInStep(NamedTuple):
+    """State of a contact within a step.
+
+    Attributes
+    ----------
+    assumed
+        Assumption of the stiffness.
+    width
+        Slip up to which friction rises [m]; 0 if there is none, as in the state at the beginning of the step.
+    factor
+        Factor of friction.
+    history
+        History at the beginning of the step.
+    """
+
+    assumed: Assumption = None
+    width: float = 0.0
+    factor: float = 1.0
+    history: Array | None = None
+
+
+Own = TypeVar("Own", bound="BoundMeshContact")
+
+
+class BoundMeshContact(BoundContact):
     """Contact between surfaces of a body, or with a rigid one, whose vertices follow those of the body in positions (m, d).
 
     It joins no nodes, and couples those of the collisions at the present state.
 
-    The history has the pairs of nodes in K. In an analysis they grow, so that the pattern of K changes seldom; elsewhere K has the
-    pairs of its state alone.
+    The history is the time of the beginning of the step, the number of pairs of nodes in K, and the pairs. In an analysis they
+    grow, so that the pattern of K changes seldom; elsewhere K has the pairs of its state alone. With friction the displacements
+    (nv, d) at the beginning of the step follow.
 
     Attributes
     ----------
@@ -201,26 +270,14 @@ class BoundMeshContact(BoundTerm):
         Whether the forces on the body add up to zero: with a rigid surface they do not.
     nodes
         Nodes (n,) of the first of two surfaces, on which the resultant of the contact acts, otherwise of the whole surface.
-    pattern_version
-        Number of changes of the pairs.
     """
 
-    has_mean_force = removable = has_history = pairs_change = is_barrier = True
-    friction_factor = 1.0
-    nodes_joined = np.empty((2, 0), dtype=np.int32)
-    shape = None
+    is_barrier = removable = has_history = pairs_change = True
 
     def __init__(self, contact: MeshContact, body: Body) -> None:
         self.contact, self.name, self._body = contact, contact.name, body
         self.distance = contact.distance
-        self.assumed: Assumption = None
-        self.pattern_version, self._remembers, self._time = 0, False, 0.0
-        self._keys = np.empty(0, dtype=np.int64)  # a nv + b of the pairs of nodes a < b in K, ascending
-        self._start: Array | None = None  # displacements (nv, d) at the beginning of the step, with friction [m]
-        self._last_collisions: Collisions | None = None
-        self._last_mean: Mean | None = None
-        self._rubbing: tuple[Array, Any] | None = None  # `_start`, and the collisions that rub
-        self._last_blocks: tuple[Any, tuple[Array, ...], ContactBlocks] | None = None  # key, displacements of its nodes, and blocks
+        self._now, self._pairs, self._last = SurfacesInStep(), CoupledPairs(), LastResults()
         self._d, self._rigid = body.mesh.d, contact.second if isinstance(contact.second, RigidMesh) else None
         self.balanced = self._rigid is None
         one = contact.second is None or not self.balanced
@@ -237,10 +294,6 @@ class BoundMeshContact(BoundTerm):
         self._set_surface(body)
         self._refuse_long_distance()
         self.refuse_start(np.zeros((self._nv, self._d)))
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return what copies and pickles have: all but results of the last calls, which objects of the toolkit hold."""
-        return vars(self) | dict.fromkeys(("_last_collisions", "_last_mean", "_last_blocks", "_rubbing"))
 
     def _set_surface(self, body: Body) -> None:
         """Use the surface of the elements of a body that are not removed."""
@@ -340,7 +393,12 @@ class BoundMeshContact(BoundTerm):
     @property
     def nodes_paired(self) -> NDArray[np.int32]:
         """Pairs of nodes `a < b` (2, n) in K at present."""
-        return np.stack(np.divmod(self._keys, self._nv)).astype(np.int32)
+        return np.stack(np.divmod(self._pairs.keys, self._nv)).astype(np.int32)
+
+    @property
+    def pattern_version(self) -> int:  # type: ignore[override]
+        """Number of changes of the pairs."""
+        return self._pairs.version
 
     def _moved(self, u: Array) -> Array:
         """Return the positions (m, d) of all vertices for displacements `u` (nv, d)."""
@@ -354,25 +412,20 @@ class BoundMeshContact(BoundTerm):
 
     def _collisions(self, x: Array) -> Collisions:
         """Return the collisions at `x` (m, d), those of the last call if nothing has moved."""
-        found = self._last_collisions
+        found = self._last.collisions
         if found is None or not np.array_equal(found.x, x):
-            self._last_collisions = found = self._barrier.collisions(x)
+            self._last.collisions = found = self._barrier.collisions(x)
         return found
 
     def look(self, u: Array) -> None:
         """Couple the pairs of nodes that the stiffness at `u` (nv, d) contains."""
-        if self.assumed is Assumed.APART:
+        if self._now.assumed is Assumed.APART:
             return
-        keys = self._blocks_at(u, clamped=False).keys
-        if not self._remembers:
-            self._use(keys)
-        elif not np.isin(keys, self._keys, assume_unique=True).all():
-            self._use(np.union1d(self._keys, keys))
-
-    def _use(self, keys: NDArray[np.int64]) -> None:
-        """Couple the pairs of nodes with these `keys` (n,) in K."""
-        if not np.array_equal(keys, self._keys):
-            self._keys, self.pattern_version = keys, self.pattern_version + 1
+        keys, pairs = self._blocks_at(u, clamped=False).keys, self._pairs
+        if not pairs.grow:
+            pairs.use(keys)
+        elif not np.isin(keys, pairs.keys, assume_unique=True).all():
+            pairs.use(np.union1d(pairs.keys, keys))
 
     def _sorted_blocks(self, K: csr_matrix) -> ContactBlocks:
         """Return the blocks of a symmetric matrix over the vertices, without those of a rigid surface."""
@@ -392,12 +445,12 @@ class BoundMeshContact(BoundTerm):
 
     def _blocks_at(self, u: Array, clamped: bool) -> ContactBlocks:
         """Return the blocks at `u`, or those of the mean force if that is assumed; computed once."""
-        states = self.assumed if isinstance(self.assumed, tuple) else (u,)
-        own, key = tuple(state[self._nodes] for state in states), (clamped, len(states), self.friction_factor)
-        last = self._last_blocks
-        if last is None or last[0] != key or not np.array_equal(last[1], own):
-            self._last_blocks = last = key, own, self._sorted_blocks(self._stiffness_at(states, clamped))
-        return last[2]
+        states = self._now.assumed if isinstance(self._now.assumed, tuple) else (u,)
+        own, now, last = tuple(state[self._nodes] for state in states), self._now, self._last.blocks
+        key = clamped, len(states), now.width, now.factor
+        if last is None or last[0] != key or last[1] is not now.history or not np.array_equal(last[2], own):
+            self._last.blocks = last = key, now.history, own, self._sorted_blocks(self._stiffness_at(states, clamped))
+        return last[3]
 
     def _stiffness_at(self, states: tuple[Array, ...], clamped: bool) -> csr_matrix:
         """Return the stiffness (d m, d m) at a state, or twice the derivative of the mean force between two by the second one."""
@@ -417,10 +470,10 @@ class BoundMeshContact(BoundTerm):
         return self._barrier.energy(at)
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
-        """Add the blocks of K [N/m] at `u` (nv, d), or those that are `assumed`; `look` must have been called for it."""
-        if self.assumed is not Assumed.APART:
-            found = self._blocks_at(u, clamped=kept.negative < 1 and not isinstance(self.assumed, tuple))
-            blocks.pairs[np.searchsorted(self._keys, found.keys)] += found.pairs
+        """Add the blocks of K [N/m] at `u` (nv, d), or under the assumption; `look` must have been called for it."""
+        if self._now.assumed is not Assumed.APART:
+            found = self._blocks_at(u, clamped=kept.negative < 1 and not isinstance(self._now.assumed, tuple))
+            blocks.pairs[np.searchsorted(self._pairs.keys, found.keys)] += found.pairs
             if found.own is not None and blocks.own is not None:
                 blocks.own[:] += found.own
 
@@ -429,8 +482,8 @@ class BoundMeshContact(BoundTerm):
         at = self._collisions(self._moved(u))
         K = self._barrier.stiffness(at, clamped=False)
         sums = (abs(K) @ np.abs(at.x).ravel()).reshape(-1, self._d) + np.abs(self._barrier.force(at))
-        if isinstance(self.assumed, tuple):
-            mean = self._mean(*(self._moved(state) for state in self.assumed))
+        if isinstance(self._now.assumed, tuple):
+            mean = self._mean(*(self._moved(state) for state in self._now.assumed))
             sums += 2 * mean.error / EPS * np.abs(mean.force)
         out[self._nodes] += self._on_body(sums)
 
@@ -446,12 +499,12 @@ class BoundMeshContact(BoundTerm):
         they are `w_k (1 + b g_k)` and `b = (W1 - W0 - sum w_k g_k) / sum w_k g_k^2`. A change of the weights is at most 1, and
         round-off of the energies changes none.
         """
-        last, barrier = self._last_mean, self._barrier
+        last, barrier = self._last.mean, self._barrier
         if last is not None and np.array_equal(last.x1, x1) and np.array_equal(last.x0, x0):
             return last
         first = self._collisions(x0) if last is None or not np.array_equal(last.x0, x0) else last.states[0]
         states = [first, *barrier.collisions_along(x0, x1, POINTS[1:])]
-        self._last_collisions = states[-1]
+        self._last.collisions = states[-1]
         forces = np.array([barrier.force(state) for state in states])
         works, energies = np.tensordot(forces, x1 - x0), (barrier.energy(states[0]), barrier.energy(states[-1]))
         missing, square, weights, error = energies[1] - energies[0] - WEIGHTS @ works, WEIGHTS @ works**2, WEIGHTS, 0.0
@@ -461,7 +514,7 @@ class BoundMeshContact(BoundTerm):
             missing -= np.sign(missing) * round_off
             weights = WEIGHTS * (1 + np.clip(missing / square * works, -1.0, 1.0))
             error = round_off / np.sqrt(square)
-        self._last_mean = mean = Mean(x0, x1, np.tensordot(weights, forces, 1), weights, states, error)
+        self._last.mean = mean = Mean(x0, x1, np.tensordot(weights, forces, 1), weights, states, error)
         return mean
 
     def contact_limit(self, u: Array, v: Array) -> float:
@@ -507,96 +560,102 @@ class BoundMeshContact(BoundTerm):
         gap[self._nodes] = self._on_body(self._barrier.smallest_distances(at))
         return pressure, gap, float(areas[forces > 0].sum())
 
-    @property
-    def history(self) -> Array:
-        """Numbers (n,): time of the beginning of the step, number of pairs in K, the pairs, with friction displacements then."""
-        start = [] if self._start is None else [self._start.ravel()]
-        return np.concatenate([[self._time, len(self._keys)], self._keys.astype(np.float64), *start])
+    def at(self: Own, moment: Moment, history: Array | None) -> Own:
+        return self if moment.contact is None else self._with(_now=SurfacesInStep(moment.contact))
 
-    @history.setter
-    def history(self, numbers: Array) -> None:
-        count = int(numbers[1]) if len(numbers) > 1 and np.isfinite(numbers).all() else -1
-        keys, start = numbers[2 : 2 + count].astype(np.int64), numbers[2 + count :]
+    def for_analysis(self: Own, in_time: bool) -> Own:
+        """Return the contact with pairs of nodes in K, and results, of its own: several analyses may run at once."""
+        return self._with(_pairs=CoupledPairs(grow=True), _last=LastResults())
+
+    def first_history(self) -> Array:
+        return np.zeros(2)
+
+    def advanced(self, history: Array, u: Array, moment: Moment) -> Array:
+        """Return the history of a step from `u` (nv, d). If too many pairs are not in contact any more, K leaves them out."""
+        keys, pairs = (
+            self._sorted_blocks(self._barrier.stiffness(self._collisions(self._moved(u)), clamped=False)).keys,
+            self._pairs,
+        )
+        if len(keys) < (1 - UNUSED) * len(pairs.keys):
+            pairs.use(keys)
+        return np.concatenate([[moment.time, len(pairs.keys)], pairs.keys])
+
+    def after_step(self, history: Array) -> Array:
+        """Return the history with the pairs that K has by now."""
+        start, keys = history[2 + int(history[1]) :], self._pairs.keys
+        return np.concatenate([history[:1], [len(keys)], keys, start])
+
+    def return_to(self, history: Array) -> None:
+        """Let K couple the pairs of a history."""
+        count = int(history[1]) if len(history) > 1 and np.isfinite(history).all() else -1
+        keys, start = history[2 : 2 + count].astype(np.int64), history[2 + count :]
         right = count >= 0 and len(keys) == count and (np.diff(keys) > 0).all() and len(start) in (0, self._nv * self._d)
         if not right or (keys < 0).any() or (keys >= self._nv**2).any():
             raise ValueError(
-                f"the history of {self.contact.label} is {shown(numbers)}; expected a time, pairs of nodes and displacements"
+                f"the history of {self.contact.label} is {shown(history)}; expected a time, pairs of nodes and displacements"
             )
-        self._last_blocks = None
-        self._time, self._start = float(numbers[0]), start.reshape(-1, self._d).copy() if len(start) else None
-        self._use(keys)
-
-    def with_new_history(self, in_time: bool) -> BoundMeshContact:
-        """Return the contact for a new analysis, which remembers the pairs of nodes in K."""
-        other = copy(self)
-        other._remembers, other._time = True, 0.0
-        other._use(np.empty(0, dtype=np.int64))
-        return other
-
-    def commit(self, u: Array, t: float) -> None:
-        """Begin a step at `u` (nv, d); leave out pairs of nodes if too many are not in contact any more."""
-        self._time, keys = t, self._sorted_blocks(self._barrier.stiffness(self._collisions(self._moved(u)), clamped=False)).keys
-        if len(keys) < (1 - UNUSED) * len(self._keys):
-            self._use(keys)
+        self._pairs.use(keys)
 
     def without(self, removed: NDArray[np.bool_]) -> BoundMeshContact:
         """Return the contact without the facets whose elements are removed, `removed` (nt,), and with the faces that these expose,
         unless the surface is a boundary.
         """
-        other = copy(self)  # without results of the last calls
+        version = self._pairs.version + (not self.balanced)  # K has blocks for other nodes
+        other = self._with(_pairs=CoupledPairs(self._pairs.grow, self._pairs.keys, version), _last=LastResults())
         other._set_surface(self._body.without(removed, self._body.bare))
-        other.pattern_version += not self.balanced  # K has blocks for other nodes
         return other
 
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part, without those of the toolkit."""
-        arrays = self._X, self._nodes, self._keys, self._barrier.edges, self._barrier.triangles, *self._facets, *self._behind
+        arrays = self._X, self._nodes, self._pairs.keys, self._barrier.edges, self._barrier.triangles, *self._facets, *self._behind
         return {"contact": sum(array.nbytes for array in arrays)}
 
 
 class MeshContactWithFriction(BoundMeshContact):
     """Contact between surfaces that rub, with the normal forces and the tangents of the beginning of each step."""
 
-    has_friction = takes_time = True
+    has_friction = does_work = True
 
-    def __init__(self, contact: MeshContact, body: Body) -> None:
-        super().__init__(contact, body)
-        self._in_time, self._width = False, 0.0  # slip up to which friction rises [m]
-
-    def with_new_history(self, in_time: bool) -> MeshContactWithFriction:
+    def for_analysis(self, in_time: bool) -> MeshContactWithFriction:
         refuse_missing_width(self._friction, in_time, self.contact.label)
-        other = cast(MeshContactWithFriction, super().with_new_history(in_time))
-        other._in_time, other._width, other._start = in_time, 0.0, None
-        return other
+        return super().for_analysis(in_time)
 
     @property
     def _friction(self) -> Friction:
         assert self.contact.friction is not None
         return self.contact.friction
 
-    def at(self, t: Time) -> None:
-        """Set the slip up to which friction rises, for a step to load factor or time `t`."""
-        width = width_of(self._friction, Moment.of(t).time - self._time, self._in_time)
-        if width != self._width:
-            self._width, self._last_blocks = width, None
+    def at(self, moment: Moment, history: Array | None) -> MeshContactWithFriction:
+        step = moment.step
+        if history is None or step is None:
+            return super().at(moment, history)
+        width = width_of(self._friction, moment.time - float(history[0]), step.in_time)
+        return self._with(_now=SurfacesInStep(moment.contact, width, step.friction, history))
 
-    def commit(self, u: Array, t: float) -> None:
-        super().commit(u, t)
-        self._start, self._last_blocks = u.copy(), None
+    def advanced(self, history: Array, u: Array, moment: Moment) -> Array:
+        return np.concatenate([super().advanced(history, u, moment), u.ravel()])
+
+    @property
+    def _start(self) -> Array | None:
+        """Displacements (nv, d) at the beginning of the step [m]; None before the first step."""
+        history = self._now.history
+        start = np.empty(0) if history is None else history[2 + int(history[1]) :]
+        return start.reshape(-1, self._d) if len(start) else None
 
     def _slip(self, u: Array) -> tuple[Any, Array, float] | None:
         """Return the arguments of friction at `u` (nv, d); None in the state at the beginning of a step, where it is zero.
 
         The slip is a difference of displacements: positions far from the origin would leave their rounding in it.
         """
-        if self._start is None or not self._width > 0:
+        start, history, last = self._start, self._now.history, self._last
+        if start is None or history is None or not self._now.width > 0:
             return None
-        if self._rubbing is None or self._rubbing[0] is not self._start:
-            touching = self._collisions(self._moved(self._start))
-            self._rubbing = self._start, self._barrier.rubbing(touching, self._friction.coefficient)
+        if last.rubbing is None or last.rubbing[0] is not history:
+            touching = self._collisions(self._moved(start))
+            last.rubbing = history, self._barrier.rubbing(touching, self._friction.coefficient)
         slip = np.zeros_like(self._X)
-        slip[: len(self._nodes)] = (u - self._start)[self._nodes]
-        return self._rubbing[1], slip, self._width
+        slip[: len(self._nodes)] = (u - start)[self._nodes]
+        return last.rubbing[1], slip, self._now.width
 
     def _friction_at(self, u: Array) -> Array:
         """Return the friction (n, d) [N] on the body, as an internal force."""
@@ -605,7 +664,7 @@ class MeshContactWithFriction(BoundMeshContact):
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         if force is not None:
-            force[self._nodes] += self.friction_factor * self._friction_at(u)
+            force[self._nodes] += self._now.factor * self._friction_at(u)
         return super().energy_and_force(u, force)
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
@@ -614,7 +673,7 @@ class MeshContactWithFriction(BoundMeshContact):
 
     def _stiffness_at(self, states: tuple[Array, ...], clamped: bool) -> csr_matrix:
         K, slip = super()._stiffness_at(states, clamped), self._slip(states[-1])
-        factor = self.friction_factor if len(states) == 1 else 2.0
+        factor = self._now.factor if len(states) == 1 else 2.0
         return K if slip is None else K + factor * self._barrier.friction_stiffness(*slip)
 
     def add_round_off(self, u: Array, out: Array) -> None:
@@ -623,31 +682,23 @@ class MeshContactWithFriction(BoundMeshContact):
         slip = self._slip(u)
         if slip is not None:
             largest = np.full(self._X.size, np.abs(u[self._nodes]).max())
-            rubbing = self.friction_factor * (abs(self._barrier.friction_stiffness(*slip)) @ largest)
+            rubbing = self._now.factor * (abs(self._barrier.friction_stiffness(*slip)) @ largest)
             out[self._nodes] += self._on_body(rubbing.reshape(-1, self._d))
 
     def missing_friction(self, u: Array) -> tuple[Array, float]:
         """Return the friction (n, d) that the nodes of the first surface lack, and the largest friction there [N]."""
-        x, slip = self._moved(u), self._slip(u)
-        if slip is None or self._start is None:
+        x, slip, start = self._moved(u), self._slip(u), self._start
+        if slip is None or start is None:
             return np.zeros((0, self._d)), 0.0
         barrier, coefficient, at = self._barrier, self._friction.coefficient, self._collisions(x)
-        on_first, states = np.isin(self._nodes, self.nodes), (at, self._collisions(self._moved(self._start)))
+        on_first, states = np.isin(self._nodes, self.nodes), (at, self._collisions(self._moved(start)))
         used, present = (
             self._on_body(barrier.friction(one, *slip[1:]))[on_first] for one in (slip[0], barrier.rubbing(at, coefficient))
         )
         normal = max(np.linalg.norm(self._on_body(barrier.force(state))[on_first], axis=1).sum() for state in states)
         return present - used, coefficient * normal
 
-    def predict(self, u: Array) -> None:
-        """Do nothing: linear steps are refused."""
-
-    def drag(self, u: Array) -> Array:
-        """Return zeros: explicit steps are refused."""
-        return np.zeros(len(u))
-
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return no external work, and the work [J] against friction from the last accepted state to `u1`."""
-        if self._start is None:
-            return 0.0, 0.0
-        return 0.0, float((self._friction_at(u1) * (u1 - self._start)[self._nodes]).sum())
+        start = self._start
+        return 0.0, 0.0 if start is None else float((self._friction_at(u1) * (u1 - start)[self._nodes]).sum())

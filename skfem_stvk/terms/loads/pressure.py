@@ -18,9 +18,8 @@ from ...mesh.locations import Where, describe, facets_at, in_value_order
 from ...mesh.points import base_vectors_at, normals_of
 from ...mesh.rules import rule_of
 from ..body import Body
-from ..bound_load import BoundLoad
+from ..bound_load import BoundLoad, Load
 from ..connectivity import simplices_of
-from ..protocols import Load
 from .load import Time, Value
 from .spread import Spread
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from ...arguments import Array, Quantity, Specification, number, own, shown, text
 from ...edges import ALL, NodeBlocks, Tensions
-from ...edges.bound_term import BoundTerm
 from ...errors import ContactError, StvkError
 from ...kernels import contact_penalty as kernels
 from ...kernels.contact_penalty import Surface
@@ -23,10 +21,11 @@ from ...mesh.locations import Where
 from ...mesh.points import sizes_of
 from ...mesh.rules import rule_of
 from ..body import Body
-from ..protocols import Assumed, Assumption
+from ..term import Term
+from .bound_contact import BoundContact
 from .contact_surface import elements_behind, surface_at, young_of
 from .friction import Friction, numbers_of, refuse_missing_width, width_of
-from .load import Moment, Time, Value
+from .load import Assumed, Assumption, Moment, Time, Value
 from .rigid_shapes import RigidShape
 from .spread import Spread
 
@@ -39,7 +38,7 @@ HALFWAY = 0.5 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class RigidContact(Specification):
+class RigidContact(Specification, Term):
     """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
 
     ::
@@ -90,7 +89,6 @@ class RigidContact(Specification):
     """
 
     error: ClassVar[type[StvkError]] = ContactError
-    per_element: ClassVar[bool] = False
     given_by: ClassVar[str] = "motion"
     on_elements: ClassVar[bool] = True
 
@@ -143,6 +141,9 @@ class RigidContact(Specification):
         return (BoundRigidContact if plain else RigidContactWithHistory)(self, body)
 
 
+Own = TypeVar("Own", bound="BoundRigidContact")
+
+
 class Displacement(Protocol):
     """Displacement of a shape as a function of the load factor or time."""
 
@@ -150,7 +151,35 @@ class Displacement(Protocol):
         """Return the components (d, 1) at `t` [m]."""
 
 
-class BoundRigidContact(BoundTerm):
+class ShapeInStep(NamedTuple):
+    """State of a contact within a step.
+
+    Attributes
+    ----------
+    assumed
+        Assumption of the stiffness.
+    shift, start
+        (3,) displacements of the shape, and those at the beginning of the step [m].
+    width
+        Slip up to which friction rises [m]; 0 if there is none, as in the state at the beginning of the step.
+    past
+        (n, nq, 7) displacement, largest friction [N] and normal of each point at the beginning of the step.
+    secants
+        (n, nq) force per slip for all slips [N/m]; empty if that of the slip acts.
+    factor
+        Factor of friction.
+    """
+
+    assumed: Assumption = None
+    shift: Array = np.zeros(3)
+    start: Array = np.zeros(3)
+    width: float = 0.0
+    past: Array = np.zeros((0, 0, 7))
+    secants: Array = np.empty((0, 0))
+    factor: float = 1.0
+
+
+class BoundRigidContact(BoundContact):
     """Contact on a mesh. It couples the nodes of each facet, if its points are not the vertices, and joins none of them.
 
     Attributes
@@ -165,15 +194,11 @@ class BoundRigidContact(BoundTerm):
         Mean length of the edges of all facets at rest, and that of the smallest facet [m].
     """
 
-    has_mean_force = removable = True
-    balanced = is_barrier = False
-    friction_factor = 1.0
-    nodes_joined = np.empty((2, 0), dtype=np.int32)
+    removable = True
 
     def __init__(self, contact: RigidContact, body: Body) -> None:
         self.contact, self.name = contact, contact.name
-        self._shape, self._shift = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), np.zeros(3)
-        self.assumed: Assumption = None
+        self._shape, self._now = kernels.ShapeNumbers(contact.shape.kind, contact.shape.numbers()), ShapeInStep()
         self._facets, self._element = surface_at(body, contact.where, contact.label, contact.simplices)
         edges = _edge_lengths(contact, body, self._facets, self._element)
         self.edge, self.shortest_edge = float(edges.mean()), float(edges.min())
@@ -189,8 +214,10 @@ class BoundRigidContact(BoundTerm):
 
     @property
     def shape(self) -> RigidShape:
-        """Rigid shape, displaced as at present."""
-        return self.contact.shape.displaced(self._shift[: self._body.mesh.d])
+        return self.contact.shape.displaced(self._now.shift[: self._body.mesh.d])
+
+    def at(self: Own, moment: Moment, history: Array | None) -> Own:
+        return self if moment.contact is None else self._with(_now=ShapeInStep(moment.contact))
 
     def _set_areas(self, body: Body) -> None:
         """Use the areas of the facets of a body, and the stiffness of its materials."""
@@ -205,51 +232,43 @@ class BoundRigidContact(BoundTerm):
 
     def without(self, removed: NDArray[np.bool_]) -> BoundRigidContact:
         """Return the contact without the facets whose elements are all removed, `removed` (nt,). New faces do not touch."""
-        other = copy(self)
+        other = self._with()
         other._set_areas(self._body.without(removed, self._body.bare))
         return other
 
     def moved_by(self, motion: Displacement) -> RigidContactWithHistory:
-        """Return the contact for a motion in time that displaces its shape."""
-        moved = RigidContactWithHistory(self.contact, self._body).with_new_history(in_time=True)
-        moved._motion = motion
-        return moved
+        """Return the contact with a shape that this motion displaces."""
+        return RigidContactWithHistory(self.contact, self._body, motion)
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Return the energy [J] at `u` (nv, d); add the internal force [N], minus that of the shape, to `force` (nv, d)."""
         out = np.empty_like(u[:0]) if force is None else force
         e = self.contact.onset
-        return float(kernels.energy_and_force(self._surface, self._weights, self._shape, self._shift, e, u, out))
+        return float(kernels.energy_and_force(self._surface, self._weights, self._shape, self._now.shift, e, u, out))
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
-        """Add the blocks of K [N/m] at `u` (nv, d), or those that are `assumed`."""
         start, e, into = (self._own_surface, self._weights, self._shape), self.contact.onset, self._into(blocks)
-        if isinstance(self.assumed, tuple):
-            u0, u1 = (one[self.nodes] for one in self.assumed)
-            kernels.add_mean_blocks(*start, self._start_shift, self._shift, e, u0, u1, into)
-        elif self.assumed is not Assumed.APART:
-            everywhere = self.assumed is Assumed.TOUCHING
-            kernels.add_blocks(*start, self._shift, e, u[self.nodes], kept.negative, everywhere, into)
+        assumed = self._now.assumed
+        if isinstance(assumed, tuple):
+            u0, u1 = (one[self.nodes] for one in assumed)
+            kernels.add_mean_blocks(*start, self._now.start, self._now.shift, e, u0, u1, into)
+        elif assumed is not Assumed.APART:
+            everywhere = assumed is Assumed.TOUCHING
+            kernels.add_blocks(*start, self._now.shift, e, u[self.nodes], kept.negative, everywhere, into)
 
     def _into(self, blocks: NodeBlocks) -> kernels.Blocks:
         """Return the arrays of the blocks, and the numbers of the pairs of nodes."""
         assert blocks.own is not None
         return kernels.Blocks(self._sides, self._first, self._second, blocks.pairs, blocks.own)
 
-    @property
-    def _start_shift(self) -> Array:
-        """Displacement (3,) of the shape at the last accepted state [m]."""
-        return self._shift
-
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
         """Add the sum of the `weights` times the discrete gradient of the energy to `force` (nv, d); return 0."""
-        start, e = (self._surface, self._weights, self._shape, self._start_shift, self._shift), self.contact.onset
+        start, e = (self._surface, self._weights, self._shape, self._now.start, self._now.shift), self.contact.onset
         kernels.add_mean_force(*start, e, u0, u1, sum(weights), force)
         return 0.0
 
     def contact_limit(self, u: Array, v: Array) -> float:
         """Return the smallest `s > 0` at which a point is halfway on its way `u + s v` through the resting shape, or infinity."""
-        return float(kernels.step_limit(self._surface, self._shape, self._shift, np.zeros(3), u, v))
+        return float(kernels.step_limit(self._surface, self._shape, self._now.shift, np.zeros(3), u, v))
 
     def too_soft(self, impact: float) -> str:
         """Return a sentence if a body with `v sqrt(rho h) = impact` gets farther than halfway through the shape, else "".
@@ -297,8 +316,8 @@ class BoundRigidContact(BoundTerm):
 
     def passes(self, u0: Array, u1: Array) -> bool:
         """Return whether a point gets halfway through the moving shape, or farther, on the way from `u0` to `u1` (nv, d)."""
-        moved = self._shift - self._start_shift
-        return bool(kernels.step_limit(self._surface, self._shape, self._start_shift, moved, u0, u1 - u0) <= 1)
+        moved = self._now.shift - self._now.start
+        return bool(kernels.step_limit(self._surface, self._shape, self._now.start, moved, u0, u1 - u0) <= 1)
 
     def identity(self) -> list[float]:
         """Return numbers that differ from those of another contact."""
@@ -309,7 +328,7 @@ class BoundRigidContact(BoundTerm):
             self.contact.onset,
             *numbers_of(self.contact.friction),
             float(self._weights.sum()),
-            *self._shift.tolist(),
+            *self._now.shift.tolist(),
         ]
 
     def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:
@@ -327,7 +346,7 @@ class BoundRigidContact(BoundTerm):
     def _gaps(self, surface: Surface, weights: Array, u: Array) -> tuple[Array, Array, Array]:
         """Return gaps (n, nq) [m], normal forces (n, nq) [N] and normals (n, nq, d) of the points of a surface."""
         gaps, forces, normals = np.empty_like(weights), np.empty_like(weights), np.empty((*weights.shape, u.shape[1]))
-        kernels.find_gaps(surface, weights, self._shape, self._shift, self.contact.onset, u, gaps, forces, normals)
+        kernels.find_gaps(surface, weights, self._shape, self._now.shift, self.contact.onset, u, gaps, forces, normals)
         return gaps, forces, normals
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
@@ -343,12 +362,12 @@ class BoundRigidContact(BoundTerm):
 
     def smallest_gap(self, u: Array) -> float:
         """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
-        return float(kernels.smallest_gap(self._surface, self._shape, self._shift, u))
+        return float(kernels.smallest_gap(self._surface, self._shape, self._now.shift, u))
 
     def add_round_off(self, u: Array, out: Array) -> None:
         """Add the stiffness of the points that touch, times the coordinates that their depths subtract [N], to `out` (nv, d)."""
         (N, t, X), (gaps, _, normals) = self._surface, self._gaps(self._surface, self._weights, u)
-        largest = (np.abs(X[t]) + np.abs(u[t])).max(axis=(1, 2)) + np.abs([*self._shape.numbers[:3], *self._shift]).max()
+        largest = (np.abs(X[t]) + np.abs(u[t])).max(axis=(1, 2)) + np.abs([*self._shape.numbers[:3], *self._now.shift]).max()
         touching = np.where(gaps < 0, self._weights, 0.0) * largest[:, None]
         np.add.at(out, t, np.einsum("nq,qm,nqd->nmd", touching, np.abs(N), np.abs(normals)))
 
@@ -362,115 +381,100 @@ class RigidContactWithHistory(BoundRigidContact):
     """Contact with a shape that moves, or with friction.
 
     The history is the displacement (3,) of the shape at the beginning of the step, and its time. With friction, the displacement,
-    the largest friction [N] and the normal of each point follow, (n, nq, 7).
+    the largest friction [N] and the normal of each point follow, (n, nq, 7). A `motion` may replace that of the contact.
     """
 
-    takes_time = has_history = True
+    does_work = has_history = True
 
-    def __init__(self, contact: RigidContact, body: Body) -> None:
+    def __init__(self, contact: RigidContact, body: Body, motion: Displacement | None = None) -> None:
         super().__init__(contact, body)
-        d, motion = body.mesh.d, np.zeros(body.mesh.d) if contact.motion is None else contact.motion
-        self._own_motion = Value(motion, (d,), np.zeros((d, 1)), contact.label, ContactError, "motion")
-        self._motion: Displacement = self._own_motion
-        self.has_friction, self._in_time = contact.friction is not None, False
-        self._width = 0.0  # slip up to which friction rises [m]
-        self._secants: Array = np.empty((0, 0))
-        self._forget()
+        d, given = body.mesh.d, np.zeros(body.mesh.d) if contact.motion is None else contact.motion
+        self._is_moved = motion is not None
+        self._motion = motion or Value(given, (d,), np.zeros((d, 1)), contact.label, ContactError, "motion")
+        self.has_friction = contact.friction is not None
 
-    def _forget(self) -> None:
-        count = 7 * self.areas.size if self.contact.friction else 0
-        self._history = np.zeros(4 + count)
-
-    @property
-    def history(self) -> Array:
-        """Numbers (n,) of the state at the beginning of the step."""
-        return self._history
-
-    @history.setter
-    def history(self, numbers: Array) -> None:
-        if numbers.shape != self._history.shape or numbers.dtype != np.float64 or not np.isfinite(numbers).all():
-            raise ValueError(f"the history of {self.contact.label} is {shown(numbers)}; expected {self._history.size} numbers")
-        self._history = numbers.copy()
-        self._secants = np.empty((0, 0))
-
-    @property
-    def _past(self) -> Array:
-        """Displacement, largest friction and normal of each point (n, nq, 7)."""
-        return self._history[4:].reshape(*self.areas.shape, 7)
-
-    def with_new_history(self, in_time: bool) -> RigidContactWithHistory:
-        """Return the contact for a new analysis."""
-        other = copy(self)
+    def for_analysis(self, in_time: bool) -> RigidContactWithHistory:
         if self.contact.friction is not None:
             refuse_missing_width(self.contact.friction, in_time, self.contact.label)
-        other._in_time, other._motion = in_time, self._own_motion
-        other._forget()
-        other._shift, other._width, other._secants = np.zeros(3), 0.0, np.empty((0, 0))
-        return other
+        return RigidContactWithHistory(self.contact, self._body) if self._is_moved else self
 
-    def at(self, t: Time) -> None:
-        """Move the shape to its place at load factor or time `t`, and set the slip up to which friction rises."""
-        self._shift = np.zeros(3)
-        self._shift[: self._body.mesh.d] = self._motion.at(t)[:, 0]
-        friction = self.contact.friction
+    def first_history(self) -> Array:
+        return np.zeros(4 + (7 * self.areas.size if self.has_friction else 0))
+
+    def return_to(self, history: Array) -> None:
+        size = self.first_history().size
+        if history.shape != (size,) or history.dtype != np.float64 or not np.isfinite(history).all():
+            raise ValueError(f"the history of {self.contact.label} is {shown(history)}; expected {size} numbers")
+
+    def at(self, moment: Moment, history: Array | None) -> RigidContactWithHistory:
+        shift, step, friction = self._shift_at(moment), moment.step, self.contact.friction
+        if history is None or step is None:
+            return self._with(_now=ShapeInStep(moment.contact, shift))
+        now = ShapeInStep(moment.contact, shift, history[:3])
         if friction is not None:
-            self._width = width_of(friction, Moment.of(t).time - self._history[3], self._in_time)
+            width, past = width_of(friction, moment.time - history[3], step.in_time), history[4:].reshape(*self.areas.shape, 7)
+            now = now._replace(width=width, past=past, factor=step.friction)
+            if step.predicted is not None and width > 0:
+                now = now._replace(secants=self._secants_at(step.predicted, now))
+        return self._with(_now=now)
 
-    def commit(self, u: Array, t: float) -> None:
-        """Store the state at the beginning of a step."""
-        self._history = self._history.copy()
-        self._history[:3], self._history[3] = self._shift, t
+    def _shift_at(self, moment: Moment) -> Array:
+        """Return the displacement (3,) of the shape [m]."""
+        shift = np.zeros(3)
+        shift[: self._body.mesh.d] = self._motion.at(moment)[:, 0]
+        return shift
+
+    def advanced(self, history: Array, u: Array, moment: Moment) -> Array:
+        after = np.concatenate([self._shift_at(moment), [moment.time], history[4:]])
         if self.contact.friction is not None:
-            start, e = (self._surface, self._weights, self._shape, self._shift), self.contact.onset
-            kernels.remember(*start, e, u, self.contact.friction.coefficient, self._past)
+            past = after[4:].reshape(*self.areas.shape, 7)
+            kernels.remember(*self._touching, after[:3], self.contact.onset, u, self.contact.friction.coefficient, past)
+        return after
 
     @property
-    def _start_shift(self) -> Array:
-        return self._history[:3]
+    def _touching(self) -> tuple[Surface, Array, kernels.ShapeNumbers]:
+        return self._surface, self._weights, self._shape
 
     @property
     def _slips(self) -> bool:
         """Whether friction acts now: not in the state at the beginning of a step."""
-        return self.has_friction and self._width > 0
+        return self._now.width > 0
 
     @property
     def _slipped(self) -> tuple[Array, Array, float]:
         """Arguments of the kernels of friction."""
-        return self._shift, self._past, self._width
+        return self._now.shift, self._now.past, self._now.width
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
         if force is not None and self._slips:
-            kernels.add_friction(self._surface, *self._slipped, self._secants, u, self.friction_factor, force)
+            kernels.add_friction(self._surface, *self._slipped, self._now.secants, u, self._now.factor, force)
         return super().energy_and_force(u, force)
 
     def add_blocks(self, u: Array, blocks: NodeBlocks, kept: Tensions = ALL) -> None:
         super().add_blocks(u, blocks, kept)
-        if self._slips and not isinstance(self.assumed, Assumed):
-            end, factor = (self.assumed[1], 2.0) if isinstance(self.assumed, tuple) else (u, self.friction_factor)
-            slipped = *self._slipped, self._secants
+        assumed = self._now.assumed
+        if self._slips and not isinstance(assumed, Assumed):
+            end, factor = (u, self._now.factor) if assumed is None else (assumed[1], 2.0)
+            slipped = *self._slipped, self._now.secants
             kernels.add_friction_blocks(self._own_surface, *slipped, end[self.nodes], factor, self._into(blocks))
 
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
         if self._slips:
-            kernels.add_friction(self._surface, *self._slipped, self._secants, u1, sum(weights), force)
+            kernels.add_friction(self._surface, *self._slipped, self._now.secants, u1, sum(weights), force)
         return super().mean_force(u0, u1, weights, theta, force)
 
     def missing_friction(self, u: Array) -> tuple[Array, float]:
         """Return the friction (n, 3) that points lack which slip by more than the width, and the largest of all points [N]."""
-        if self.contact.friction is None or not self._past[..., 4:].any():  # before the first state there is no slip
+        past = self._now.past
+        if self.contact.friction is None or not past[..., 4:].any():  # before the first state there is no slip
             return np.zeros((0, 3)), 0.0
-        past, now, e = self._past, np.empty_like(self._past), self.contact.onset
-        kernels.remember(self._surface, self._weights, self._shape, self._shift, e, u, self.contact.friction.coefficient, now)
+        now = np.empty_like(past)
+        kernels.remember(*self._touching, self._now.shift, self.contact.onset, u, self.contact.friction.coefficient, now)
         change, normals = now[..., :3] - past[..., :3], past[..., 4:]
         across = change - (change * normals).sum(axis=2, keepdims=True) * normals
         slip = np.linalg.norm(across, axis=2)
-        missing = (now - past)[..., 3] / np.where(slip > self._width, slip, np.inf)
+        missing = (now - past)[..., 3] / np.where(slip > self._now.width, slip, np.inf)
         return (missing[..., None] * across).reshape(-1, 3), max(now[..., 3].sum(), past[..., 3].sum())
-
-    def predict(self, u: Array) -> None:
-        """Use the force per slip at `u` (nv, d) for all slips until the next state is accepted."""
-        if self._slips:
-            self._secants = self._secants_at(u)
 
     def drag(self, u: Array) -> Array:
         """Return the largest friction per speed (nv,) [N s/m] of each node in a step from `u` (nv, d)."""
@@ -480,10 +484,10 @@ class RigidContactWithHistory(BoundRigidContact):
             np.add.at(drag, t, (slopes * np.abs(N).sum(axis=1)) @ np.abs(N))
         return drag
 
-    def _secants_at(self, u: Array) -> Array:
+    def _secants_at(self, u: Array, now: ShapeInStep) -> Array:
         """Return the force per slip (n, nq) [N/m] at `u` (nv, d)."""
         secants = np.zeros(self.areas.shape)
-        kernels.find_secants(self._surface, *self._slipped, u, secants)
+        kernels.find_secants(self._surface, now.shift, now.past, now.width, u, secants)
         return secants
 
     def add_round_off(self, u: Array, out: Array) -> None:
@@ -491,16 +495,16 @@ class RigidContactWithHistory(BoundRigidContact):
         super().add_round_off(u, out)
         if self._slips:
             N, t, _ = self._surface
-            largest = np.abs(u[t]).max(axis=(1, 2)) + np.abs([*self._shift, *self._start_shift]).max()
-            rubbing = self.friction_factor * self._secants_at(u) * largest[:, None]
+            largest = np.abs(u[t]).max(axis=(1, 2)) + np.abs([*self._now.shift, *self._now.start]).max()
+            rubbing = self._now.factor * self._secants_at(u, self._now) * largest[:, None]
             np.add.at(out, t, (rubbing @ np.abs(N))[:, :, None])
 
     def work(self, u0: Array, u1: Array) -> tuple[float, float]:
         """Return the work [J] of the moving shape on the body, and that against friction, from the last accepted state to `u1`."""
-        moved, work, lost = self._shift - self._start_shift, 0.0, 0.0
+        moved, work, lost = self._now.shift - self._now.start, 0.0, 0.0
         if self._slips:
             force = np.zeros_like(u1)
-            lost = float(kernels.add_friction(self._surface, *self._slipped, self._secants, u1, 1.0, force))
+            lost = float(kernels.add_friction(self._surface, *self._slipped, self._now.secants, u1, 1.0, force))
             work -= float(force.sum(axis=0) @ moved[: u1.shape[1]])
         if moved.any():
             force = np.zeros_like(u1)

@@ -24,7 +24,7 @@ from skfem_stvk.edges import ALL, NONE
 from skfem_stvk.mesh import box as solid
 from skfem_stvk.solvers.dynamics.critical_step import LargestFrequency, critical_step
 from skfem_stvk.solvers.dynamics.damping import EdgeDamping, Rayleigh
-from skfem_stvk.terms.protocols import Assumed
+from skfem_stvk.terms.loads.load import Assumed, Moment
 
 #: `step` is 2 over `sqrt(value + residual)`, so it is too small by at most the first, and too large by hardly more than the second.
 BELOW, ABOVE = 1e-3, 1e-4
@@ -266,8 +266,7 @@ UNDAMPED = {
 def test_edge_damping_makes_the_step_smaller_by_the_damped_terms_alone(name, order):
     system, bare = System(BLOCK, [SOLID, UNDAMPED[name]][::order]), System(BLOCK, [SOLID])
     u, m = 1e-3 * state(BLOCK, 0.2), np.repeat(bare.mass().vertex, 3)
-    with system.assuming(Assumed.TOUCHING):
-        K = system.tangent(u).toarray()
+    K = system.tangent(u, t=Moment(0.0, 1.0, contact=Assumed.TOUCHING)).toarray()
     for tau in (1e-4, 2e-3, 1e-2):
         D = tau * bare.jacobian(u, kept=NONE).toarray()
         low, high = 0.0, 2 / np.sqrt(largest(K, m))

@@ -8,8 +8,8 @@ from motions import MESHES
 from skfem_stvk import Corotated, Gravity, InvertibleStVK, Simulation, StVK, StvkError, StvkWarning, System, simulate
 from skfem_stvk.solvers.dynamics import BackwardEuler, EnergyMomentum, ForwardEuler, LinearBackwardEuler, Newmark, VelocityVerlet
 from skfem_stvk.solvers.dynamics.ledger_rows import known_total
+from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint
 from skfem_stvk.solvers.runs.archive import read_archive, write_archive
-from skfem_stvk.solvers.runs.state_files import MOTION
 
 matplotlib.use("Agg")
 MESH = MESHES[3]
@@ -107,7 +107,7 @@ def test_a_checkpoint_with_impossible_energies_is_refused(tmp_path):
     system, until = body(at_vertices, True), 0.1
     simulate(system, Newmark(0.01), until=until, quiet=True, checkpoint=tmp_path / "run")
     file = tmp_path / "run" / "motion.npz"
-    header, arrays = read_archive(file, MOTION, "")
+    header, arrays = read_archive(file, MotionCheckpoint.known, "")
     names, rows = header["record"]["columns"], arrays["rows"]
     for name, value in (
         ("strain_energy", 0.0),

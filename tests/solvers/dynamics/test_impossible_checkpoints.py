@@ -9,8 +9,8 @@ from motions import driven, kicked
 
 from skfem_stvk import StvkError, simulate
 from skfem_stvk.solvers.dynamics import EnergyMomentum, VelocityVerlet
+from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint
 from skfem_stvk.solvers.runs.archive import read_archive, write_archive
-from skfem_stvk.solvers.runs.state_files import MOTION
 
 pytestmark = pytest.mark.filterwarnings("ignore:overflow encountered:RuntimeWarning")
 #: Wrong values that replace each entry of the header.
@@ -46,7 +46,7 @@ def motion(request, tmp_path_factory):
     scene, integrator, until, places = RUNS[request.param]()
     folder = tmp_path_factory.mktemp(request.param)
     scene.run(integrator, until, checkpoint=folder / "run", **places)
-    header, arrays = read_archive(folder / "run" / "motion.npz", MOTION, "")
+    header, arrays = read_archive(folder / "run" / "motion.npz", MotionCheckpoint.known, "")
     return scene.system, folder, header, arrays, until
 
 

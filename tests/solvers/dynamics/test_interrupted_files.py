@@ -26,7 +26,6 @@ WRITERS = (
     "motion_checkpoint.py",
     "archive.py",
     "vtu.py",
-    "one_writer.py",
 )
 STEPS, EVERY = 2, 2
 

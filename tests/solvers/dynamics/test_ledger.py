@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skfem_stvk import Gravity, StVK, StvkError, System
-from skfem_stvk.solvers.dynamics import ledger as module
 from skfem_stvk.solvers.dynamics.ledger_rows import Balance, column_names
+from skfem_stvk.solvers.runs import ledger as module
 from skfem_stvk.solvers.runs.ledger import MOST_POINTS, Ledger, LedgerFile
 
 matplotlib.use("Agg")

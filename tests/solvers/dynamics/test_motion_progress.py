@@ -6,8 +6,8 @@ import pytest
 from rich.console import Console
 
 from skfem_stvk import terminal
-from skfem_stvk.solvers.dynamics import progress as module
-from skfem_stvk.solvers.dynamics.motion_progress import MotionProgress
+from skfem_stvk.solvers.dynamics import motion_outputs as module
+from skfem_stvk.solvers.dynamics.motion_outputs import MotionProgress
 from skfem_stvk.solvers.runs.ledger import Ledger
 
 

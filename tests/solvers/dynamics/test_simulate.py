@@ -105,6 +105,13 @@ def test_stable_steps_cause_no_warning_and_are_chosen_by_default():
         assert scene.run(make(run.dt), 0.1).success
 
 
+def recorded(state, ledger, steps):
+    """Return the record of a run after some steps of 0.1 s."""
+    record = RunRecord.at(state, ledger, SimpleNamespace(history=lambda: ()))
+    record.clock, record.steps = Clock(0.0, 0.1), steps
+    return record
+
+
 def guarded(rows):
     """Return which rows of energies count as a blow-up, and the numbers of steps of the good states.
 
@@ -112,7 +119,7 @@ def guarded(rows):
     """
     names = "time", "kinetic_energy", "strain_energy", "potential_energy", "external_work", "dissipated_work", "closure_error"
     ledger, found, good = Ledger(names), [], []
-    record = RunRecord(MotionState.at(0.0, np.zeros(2), np.zeros(2)), Clock(0.0, 0.1), Reviews(), 0, 0, (), ledger)
+    record = recorded(MotionState.at(0.0, np.zeros(2), np.zeros(2)), ledger, 0)
     for number, row in enumerate(rows):
         record.steps = number
         ledger.append([0.1 * number, *row])
@@ -307,7 +314,7 @@ def test_energy_supplied_before_a_resume_counts_for_the_guard():
     )
     for number, given in enumerate((0.0, 40.0, 0.0)):
         ledger.append([0.1 * number, 1.0, 2.0, 0.0, given, 0.0, 0.0])
-    guard = Guard(RunRecord(MotionState.at(0.2, np.zeros(2), np.zeros(2)), Clock(0.0, 0.1), Reviews(), 3, 0, (), ledger))
+    guard = Guard(recorded(MotionState.at(0.2, np.zeros(2), np.zeros(2)), ledger, 3))
     ledger.append([0.3, *row, 70.0])
     assert not guard.blown_up()
 

@@ -127,10 +127,10 @@ class Wells:
     def step_limit(self, u, v):
         return np.inf
 
-    def contact_limit(self, u, v):
+    def contact_limit(self, u, v, t):
         return np.inf, ""
 
-    def way_is_free(self, u, found):
+    def way_is_free(self, u, found, t):
         return True
 
     def inside_out(self, u):
@@ -232,7 +232,7 @@ FAULTS = {
         End.INSIDE_OUT,
     ),
     "a contact limit far below one": (
-        lambda: faulty(contact_limit=lambda u, v: (1e-4, "floor")),
+        lambda: faulty(contact_limit=lambda u, v, t: (1e-4, "floor")),
         {"full_first": False},
         End.CONTACT,
     ),
@@ -262,7 +262,7 @@ def test_an_allowed_number_of_inverted_elements_converges():
 
 
 def test_full_steps_across_a_flat_state_are_rejected():
-    problem = faulty(way_is_free=lambda u, found: False)
+    problem = faulty(way_is_free=lambda u, found, t: False)
     _, end, record = solved(problem)
     assert end.converged and 0 < record.restarted < len(record)
 

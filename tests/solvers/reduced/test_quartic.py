@@ -6,7 +6,6 @@ from bodies import BODIES, CURVED, MESHES, STRAIGHT, box, some_voigt
 from kernels import readable_reduced
 
 from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, LinearElastic, StVK, System
-from skfem_stvk.edges import bound_laws
 from skfem_stvk.kernels import reduced as kernels
 from skfem_stvk.solvers.reduced import quartic as of_quartic
 from skfem_stvk.solvers.reduced.quartic import coefficients, quartic_of
@@ -67,13 +66,6 @@ def test_the_quartic_excludes_removed_elements():
     body = System(MESHES["tetrahedra"], StVK(young=2.0, poisson=0.3))
     body = body.without([3, 7, 30])
     assert max(errors(body)) < 1e-13
-
-
-@pytest.mark.parametrize("name", ["tetrahedra, anisotropic", "membrane, isotropic", "cable, area"])
-def test_the_readable_kernels_give_the_same_quartic(name, monkeypatch):
-    for module in (bound_laws, of_quartic):
-        monkeypatch.setattr(module, "reduced_kernels", readable_reduced)
-    assert max(errors(System(*BODIES[name]))) < 1e-13
 
 
 @pytest.mark.parametrize("n", [1, 2, 7, 9])

@@ -353,7 +353,7 @@ if __name__ == "__main__":
 
 
 def assert_same(one, other):
-    assert np.array_equal(one._table, other._table) and np.array_equal(one._basis, other._basis)
+    assert np.array_equal(one._table.values, other._table.values) and np.array_equal(one._table.basis, other._table.basis)
     assert np.array_equal(one.error.points, other.error.points) and np.array_equal(one.error.u, other.error.u)
     assert repr(one) == repr(other)
 
@@ -432,7 +432,7 @@ def test_a_saved_response_is_loaded_with_its_own_body_only(answers, tmp_path):
     with pytest.raises(StvkError, match="supports changed"):
         PrecomputedResponse.load(file, solid(fixed={"left": "xy"}))
     content = dict(np.load(file))
-    for name in ("array table", "array nodes"):
+    for name in ("array values", "array nodes"):
         np.savez(tmp_path / "changed.npz", **(content | {name: content[name] + 1}))
         with pytest.raises(StvkError, match="was changed"):
             PrecomputedResponse.load(tmp_path / "changed.npz", solid())
@@ -465,7 +465,7 @@ def test_a_file_with_other_arrays_is_refused_though_its_digest_fits(holed, tmp_p
             PrecomputedResponse.load(file, holed.body)
 
 
-@pytest.mark.parametrize("holes", [{}, {"0": ""}, {"no number": "why"}])
+@pytest.mark.parametrize("holes", [{"0": ""}, {"no number": "why"}, {"10000": "why"}])
 def test_a_file_with_other_holes_is_refused_though_its_digest_fits(holed, tmp_path, holes):
     file = holed.save(tmp_path / "grip.npz")
     header, arrays = read_archive(file, TableFile.known, "")

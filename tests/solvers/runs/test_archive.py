@@ -1,19 +1,25 @@
-"""Stores refuse files whose arrays are shorter than declared, and files with invalid headers."""
+"""Archives give back records bit for bit, and refuse files with other fields, shorter arrays and invalid headers."""
 
 import io
 import tracemalloc
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from enum import Enum
+from types import SimpleNamespace
+from typing import Annotated, ClassVar
 
 import numpy as np
 import pytest
 from divided import Exchange, PartSpace
 
 from skfem_stvk.errors import StvkError
+from skfem_stvk.npz import Ids, Measured, Stored, Vector, Within
 from skfem_stvk.results.complete_files import ForeignFile, content_of
 from skfem_stvk.solvers.runs import archive
-from skfem_stvk.solvers.runs.archive import checked_header, read_archive, write_archive
+from skfem_stvk.solvers.runs.archive import STRICT, Store, checked_header, read_archive, write_archive
+from skfem_stvk.space import Space
+from skfem_stvk.system.signature import Signature
 
 
 @pytest.mark.parametrize("version", [(1, 0), (2, 0)])
@@ -129,3 +135,86 @@ def test_a_header_with_an_impossible_signature_is_refused_in_words(tmp_path, cha
     assert asdict(checked_header(path, header | {"problem": SIGNATURE}, "").problem) == SIGNATURE
     with pytest.raises(ForeignFile, match=rf"a\.npz is damaged: problem.*{why}"):
         checked_header(path, header | {"problem": SIGNATURE | change}, "")
+
+
+class Colour(Enum):
+    RED = "red"
+    BLUE = "blue"
+
+
+@dataclass
+class Part:
+    x: float
+    u: Vector
+    ids: Ids
+
+
+@dataclass
+class Toy:
+    """Record with each kind of field."""
+
+    __pydantic_config__: ClassVar = STRICT
+
+    count: Annotated[int, Within(0, 9)]
+    ratio: Measured
+    colour: Colour
+    parts: tuple[Part, ...]
+    best: Part | None
+    named: dict[str, Ids]
+    table: Annotated[np.ndarray, Stored(2, finite=False)]
+    words: str = "as usual"
+
+
+class ToyFile(Store[Toy]):
+    known, remedy, schema = ("toy", 1), "Make it again.", Toy
+
+
+class Renumbered(Space):
+    numbers = np.array([2, 0, 1])
+
+
+PROBLEM = SimpleNamespace(signature=Signature(**SIGNATURE))
+
+
+def toy():
+    parts = tuple(Part(1 / 3, np.array([i, 0.1, -0.0]), np.array([i, 7])) for i in range(2))
+    return Toy(3, np.nan, Colour.BLUE, parts, parts[1], {"a b": np.arange(3)}, np.array([[np.nan, 1 / 3]]))
+
+
+@pytest.mark.parametrize("space", [None, Space(3), Renumbered(3)])
+def test_a_record_is_read_back_bit_for_bit_in_the_numbering_of_its_space(space, tmp_path):
+    ToyFile.write_file(tmp_path / "toy.npz", PROBLEM, toy(), space)
+    problem, again = ToyFile.read_file(tmp_path / "toy.npz", space)
+    assert problem == PROBLEM.signature and repr(again) == repr(toy())
+    assert again.best.u.tobytes() == toy().best.u.tobytes() and again.named["a b"].dtype == np.int64
+    archive.check_lengths(again, 3)
+    with pytest.raises(ValueError, match=r"the array 'parts 0 u' has shape \(3,\); expected a length of 4"):
+        archive.check_lengths(again, 4)
+    if space is not None:
+        stored = read_archive(tmp_path / "toy.npz", ToyFile.known, "")[1]["best u"]
+        np.testing.assert_array_equal(stored[space.numbers], toy().best.u)
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"count": 10}, "count: Input should be less than or equal to 9"),
+        ({"count": 1.5}, "count: Input should be a valid integer"),
+        ({"colour": "green"}, "colour: Input should be 'red' or 'blue'"),
+        ({"parts": None}, "parts: Input should be a valid array"),
+        ({"best": {"x": float("nan"), "u": "best u", "ids": "best ids"}}, "best.x: Input should be a finite number"),
+        ({"best": {"x": 0.0, "u": "best v", "ids": "best ids"}}, "best.u: it has no array 'best v'"),
+        ({"best": {"x": 0.0, "u": "best ids", "ids": "best ids"}}, "best.u: the array 'best ids' is int64 of shape"),
+        ({"best": {"x": 0.0, "u": "table", "ids": "best ids"}}, "best.u: the array 'table' is float64 of shape .* with 1 axes"),
+        ({"more": 1}, "more: Unexpected keyword argument"),
+        ({"words": 3}, "words: Input should be a valid string"),
+        ({"colour": 0, "words": 0, "ratio": "", "parts": 0}, "; and 1 more"),
+    ],
+)
+def test_a_record_with_a_field_of_another_type_is_refused_in_words(change, why, tmp_path):
+    path = tmp_path / "toy.npz"
+    ToyFile.write_file(path, PROBLEM, toy())
+    header, arrays = read_archive(path, ToyFile.known, "")
+    write_archive(path, header | {"record": header["record"] | change}, arrays)
+    with pytest.raises(ForeignFile, match=rf"toy\.npz is damaged: .*{why}.*\. Make it again\."):
+        ToyFile.read_file(path)

@@ -266,7 +266,9 @@ solve_static(bent(n=3), steps=60, checkpoint=sys.argv[1], solver="superlu", quie
 def test_a_killed_run_keeps_its_states(tmp_path):
     here = os.path.dirname(os.path.abspath(__file__))
     folder = tmp_path / "path"
-    run = subprocess.Popen([sys.executable, "-c", RUN, str(folder), here, os.path.dirname(here)])
+    run = subprocess.Popen(
+        [sys.executable, "-c", RUN, str(folder), here, os.path.dirname(here), os.path.dirname(os.path.dirname(here))]
+    )
     begin = time.time()
     while len(list(folder.glob("state_*.npz"))) < 3 and time.time() - begin < 300 and run.poll() is None:
         time.sleep(0.002)
@@ -360,7 +362,7 @@ def test_a_series_requested_on_resume_has_all_states_and_no_older_ones(tmp_path)
 
 def continuation_of(system, method, steps, u0=None, t0=0.0, solver=None, stability=False):
     problem = Equilibrium(system, solver or SuperLU(), Stopwatch())
-    course = ContinuationOptions(1 / steps, 1e-8, Monitors(system, False), stability, lambda *_: None)
+    course = ContinuationOptions(1 / steps, 1e-8, Monitors(system), stability, lambda *_: None)
     begin = problem, np.zeros(system.ndofs) if u0 is None else u0, t0, course
     return ArcLength(*begin, StopCriterion(Stop(load=1.0), system)) if method == "arc-length" else LoadSteps(*begin)
 

@@ -9,7 +9,7 @@ from test_arc_length import bar
 
 from skfem_stvk import Stop, StvkError, solve_static
 from skfem_stvk.solvers.runs.archive import read_archive, write_archive
-from skfem_stvk.solvers.runs.state_files import PATH
+from skfem_stvk.solvers.statics.path_checkpoint import PathCheckpoint
 
 WRONG = [None, True, -1, 10**30, 0.5, float("nan"), "x", [], {}]
 #: Entries that do not affect the path: effort, findings and iterations of a state, and the load factors of evaluated loads.
@@ -43,7 +43,7 @@ def path(request, tmp_path_factory):
     call = request.param() | {"checkpoint": tmp_path_factory.mktemp("path") / "path", "quiet": True, "raise_on_failure": False}
     solve_static(**call)
     file = sorted(call["checkpoint"].iterdir())[-1]
-    return call, file, *read_archive(file, PATH, "")
+    return call, file, *read_archive(file, PathCheckpoint.known, "")
 
 
 def resume_from(call, file, header, arrays):

@@ -15,8 +15,9 @@ from ....linear.dense import DenseFactors
 from ....mesh.displacements import by_vertex
 from ....system import System, TangentOperator
 from ....system.coordinates import Coordinates
+from ....system.operator import at_all_times
+from ....terms.loads.bound_contact import BoundContact
 from ....terms.loads.load import Moment
-from ....terms.protocols import set_time
 from ...newton.newton import usable
 from ...newton.problem import Tangent
 from ..forces import damped_beside_edges
@@ -183,14 +184,20 @@ class LinearStepper(ImplicitStepper):
     def start(self, state: MotionState) -> None:
         """Evaluate the strain energy and the internal force."""
         self.problem.forget()
-        self._energy = self.problem.store_internal_force(state.u)
+        self._energy = self.problem.store_internal_force(state.u, self.motion.moment(state.t))
 
     def step(self, state: MotionState, t: float) -> None:
-        h, problem, moment = self.length(state, t), self.problem, self.motion.moment(t)
-        free, fixed, w = self.motion.free.free, self.motion.free.fixed, self._w
+        h, problem, motion = self.length(state, t), self.problem, self.motion
+        free, fixed, w = motion.free.free, motion.free.fixed, self._w
         problem.begin(state, self.integrator.coefficients(state, h, self))
         predicted = self.predicted(state, t)
-        self._begin_contacts(state, predicted, moment)
+        if motion.system.working_contacts:
+            if motion.step is not None:
+                motion.begin_step(motion.step.history, (state.u + predicted).reshape(-1, motion.system.mesh.d))
+            self.problem.store_internal_force(
+                state.u, motion.moment(t)
+            )  # with the force per slip, times the slip of the moved shape
+        moment = motion.moment(t)
         np.take(problem.before_step(t), free, out=self._b, mode="clip")
         np.negative(self._b, out=self._b)
         np.take(predicted, free, out=self._start, mode="clip")
@@ -198,15 +205,6 @@ class LinearStepper(ImplicitStepper):
         w[fixed] = predicted[fixed]
         w[free] = self._solution(w, moment)
         self.accept(state, w, h, moment)
-
-    def _begin_contacts(self, state: MotionState, predicted: Array, moment: Moment) -> None:
-        """Move shapes to the end of the step, and let friction resist with the force per slip of the predicted displacements."""
-        system = self.motion.system
-        if system.working_contacts:
-            set_time(system.bound_terms, moment)
-            for contact in system.working_contacts:
-                contact.predict((state.u + predicted).reshape(-1, system.mesh.d))
-            self.problem.store_internal_force(state.u)  # with the force per slip of this step, times the slip of the moved shape
 
     def predicted(self, state: MotionState, t: float) -> Array:
         """Return the prediction with the acceleration of the previous step, which saves a fifth of the iterations."""
@@ -225,20 +223,19 @@ class LinearStepper(ImplicitStepper):
         state.a /= h
         self.integrator.update(state, w, h)
         state.u += w
-        self._energy = self.problem.store_internal_force(state.u)
+        self._energy = self.problem.store_internal_force(state.u, moment)
         state.reaction[self.motion.free.fixed] = self.problem.reactions(w, state.u, moment.time, self._held)
 
     def store_forces(self, before: MotionState, state: MotionState) -> None:
         """Store `F + K w` of each contact, with the K of the step."""
         super().store_forces(before, state)
-        system, w = self.motion.system, state.u - before.u
-        contacts = (
-            (term, pairs) for term, pairs in zip(system.bound_terms, system.pair_terms, strict=True) if term in system.contacts
-        )
+        system, w, moment = self.motion.system, state.u - before.u, self.motion.moment(state.t)
+        bound = zip(system.terms_at(moment), system.pairs_at(moment), strict=True)
+        contacts = [(term, pairs) for term, pairs in bound if isinstance(term, BoundContact)]
         for (contact, pairs), force in zip(contacts, state.forces, strict=False):
             force[:] = 0
             contact.energy_and_force(by_vertex(system.mesh, before.u), force.reshape(-1, system.mesh.d))
-            K = TangentOperator(system.mesh, [pairs], before.u, system.dtype, self._retained)
+            K = TangentOperator(system.mesh, at_all_times([pairs]), before.u, system.dtype, self._retained)
             if self.integrator.tangent == StepTangent.DIAGONAL.value:
                 force += np.einsum("nij,nj->ni", K.diagonal_blocks(), w.reshape(-1, system.mesh.d)).ravel()
             else:

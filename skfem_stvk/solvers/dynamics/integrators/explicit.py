@@ -10,7 +10,6 @@ import numpy as np
 from ....arguments import Array
 from ....errors import StvkError
 from ....kernels import motion_updates as kernels
-from ....terms.protocols import set_time
 from ..motion import Motion
 from ..record import MotionState
 from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, Stepper, checked_step
@@ -84,8 +83,7 @@ class ExplicitStepper(Stepper):
     def evaluate(self, state: MotionState) -> None:
         """Evaluate the internal force at the state, and the strain energy of the terms that have one."""
         with self.watch("assemble"):
-            set_time(self.motion.system.bound_terms, self.motion.moment(state.t))
-            self._energy = self.motion.energy_and_force(state.u, self.internal)
+            self._energy = self.motion.energy_and_force(state.u, self.motion.moment(state.t), self.internal)
 
     def strain_energy(self, state: MotionState) -> float:
         return self._energy

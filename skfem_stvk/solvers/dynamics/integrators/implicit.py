@@ -203,7 +203,7 @@ class ImplicitStepper(Stepper):
         fixed = self.motion.free.fixed
         w[fixed] = self.motion.constrained_displacements(t) - state.u[fixed]
         start = np.zeros_like(w)
-        limit, name = self.problem.contact_limit(start, w)
+        limit, name = self.problem.contact_limit(start, w, self.motion.moment(state.t))
         self._met = f"; its speed would carry the body through the contact {name!r} within the step" if limit <= 1 else ""
         limit = min(limit, self.problem.step_limit(start, w))
         if limit <= 1:  # beyond the limit, the body might be in equilibrium on the other side, or its energy might be infinite
@@ -228,8 +228,7 @@ class ImplicitStepper(Stepper):
             state.reaction[fixed] = self.integrator.weight * self.problem.full[fixed]
         else:  # forces at the end differ from the mean over the step by O(h); friction is zero at the beginning
             forces = motion.force(before.u, before.v, before.t)
-            with motion.system.assuming(None, friction=2.0):
-                forces += motion.force(state.u, state.v, state.t)
+            forces += motion.force(state.u, state.v, state.t, friction=2.0)
             state.reaction[fixed] = (motion.mass.multiply(state.v - before.v) / h - forces / 2)[fixed]
 
     def store_forces(self, before: MotionState, state: MotionState) -> None:
@@ -237,7 +236,7 @@ class ImplicitStepper(Stepper):
         if not self.integrator.mean:
             return
         motion, mesh, u0, u1 = self.motion, self.motion.system.mesh, before.u, state.u
-        contacts: list[Any] = motion.system.contacts
+        contacts = motion.system.contacts_at(motion.moment(state.t))
         for contact, force in zip(contacts, state.forces, strict=False):
             force[:] = 0
             contact.mean_force(by_vertex(mesh, u0), by_vertex(mesh, u1), (0.5, 0.5), 0.5, force.reshape(-1, mesh.d))
@@ -246,7 +245,7 @@ class ImplicitStepper(Stepper):
             state.forces[-1] = motion.system.foundation_force((u0 + u1) / 2 + motion.beta / (state.t - before.t) * (u1 - u0))
 
     def strain_energy(self, state: MotionState) -> float:
-        return self.motion.energy(state.u)
+        return self.motion.energy(state.u, state.t)
 
 
 class DenseStepper(ImplicitStepper):

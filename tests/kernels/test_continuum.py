@@ -1,16 +1,13 @@
-"""The readable twins of all laws on all elements agree with the formulas of the continuum.
-
-The compiled kernels are compared with these twins elsewhere.
-"""
+"""W, F and K of St. Venant-Kirchhoff's law on all elements agree with the formulas of the continuum, and so do its other forces."""
 
 import numpy as np
 import pytest
 from bodies import CURVED, EVERY_MESH, STRAIGHT, box, some_voigt, state
-from kernels.parts import on_twins
 
 from skfem_stvk import Anisotropic, ElementMesh, StVK, System
 from skfem_stvk.edges import Tensions
 from skfem_stvk.edges.elements import Quadrature
+from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.referee.reference import anisotropic_tensor, isotropic_tensor
 from skfem_stvk.terms.body import Body
@@ -102,6 +99,16 @@ def assert_near(found, wanted, limit=1e-12):
     assert np.abs(wanted).max() > 1e-4 and np.abs(found - wanted).max() <= limit * np.abs(wanted).max()
 
 
+def assert_is_the_continuum(mesh, law, kind="usual"):
+    """Compare W, F and K of the body with those of the continuum, by single calls and by one pass."""
+    u, body = state(mesh), System(mesh, LAWS[law], quadrature=None if kind == "usual" else kind)
+    W, F, K = continuum(mesh, law, kind, u)
+    for found, force, tangent in ((*body.energy_and_force(u), body.tangent(u)), body.linearize(u)):
+        assert found == pytest.approx(W, rel=1e-12)
+        assert_near(force, F)
+        assert_near(tangent.toarray(), K)
+
+
 def rules(mesh):
     """Return the rules that differ on this mesh.
 
@@ -121,16 +128,16 @@ CASES = [(name, law, kind) for name, mesh in MESHES.items() for law in LAWS for 
 
 @pytest.mark.few(12)
 @pytest.mark.parametrize(("name", "law", "kind"), CASES)
-def test_all_laws_on_all_elements_are_those_of_the_continuum(name, law, kind, monkeypatch):
-    mesh = MESHES[name]
-    on_twins(monkeypatch)
-    u = state(mesh)
-    body = System(mesh, LAWS[law], quadrature=None if kind == "usual" else kind)
-    W, F, K = continuum(mesh, law, kind, u)
-    found, force = body.energy_and_force(u)
-    assert found == pytest.approx(W, rel=1e-12)
-    assert_near(force, F)
-    assert_near(body.tangent(u).toarray(), K)
+def test_all_laws_on_all_elements_are_those_of_the_continuum(name, law, kind):
+    assert_is_the_continuum(MESHES[name], law, kind)
+
+
+@pytest.mark.parametrize("count", [1, LANES - 1, LANES, LANES + 1])
+@pytest.mark.parametrize("law", LAWS)
+def test_blocks_of_lanes_may_be_full_or_not(count, law):
+    whole = box(2)
+    used, t = np.unique(whole.t[:, :count], return_inverse=True)
+    assert_is_the_continuum(ElementMesh(whole.p[:, used], t.reshape(4, -1)), law)
 
 
 def test_partly_curved_meshes_store_one_frame_or_one_for_each_point():
@@ -144,10 +151,9 @@ def test_partly_curved_meshes_store_one_frame_or_one_for_each_point():
 
 @pytest.mark.few
 @pytest.mark.parametrize(("name", "law", "kind"), CASES)
-def test_quartics_mean_forces_and_damping_agree_with_the_energy(name, law, kind, monkeypatch):
+def test_quartics_mean_forces_and_damping_agree_with_the_energy(name, law, kind):
     """The quartic, the work of mean forces, damping as `K v` without stress, and clamped stiffnesses agree with the energy."""
     mesh = MESHES[name]
-    on_twins(monkeypatch)
     assembly = LAWS[law].bind(Body(mesh, [], quadrature(mesh, kind)))
     u, v = (state(mesh, seed=seed).reshape(-1, mesh.d) for seed in (4, 9))
     c = assembly.along(u, v)
@@ -167,13 +173,12 @@ def test_quartics_mean_forces_and_damping_agree_with_the_energy(name, law, kind,
 
 @pytest.mark.few
 @pytest.mark.parametrize("name", [name for name, mesh in MESHES.items() if not mesh.element.is_linear_simplex])
-def test_the_clamp_scales_eigenvalues_of_the_stress_by_sign(name, monkeypatch):
+def test_the_clamp_scales_eigenvalues_of_the_stress_by_sign(name):
     """The curvature without negative stresses is the largest, and the parts of positive and negative stresses add up.
 
     In pure tension the clamp changes nothing.
     """
     mesh = MESHES[name]
-    on_twins(monkeypatch)
     assembly = LAWS["isotropic"].bind(mesh)
     v = state(mesh, seed=9).reshape(-1, mesh.d)
 

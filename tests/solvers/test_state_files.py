@@ -9,8 +9,8 @@ from bodies import MESHES, boxes, curved, state
 from skfem_stvk import ElementMesh, EnergyMomentum, StVK, StvkError, StvkWarning, System, read_state, simulate, solve_static
 from skfem_stvk.mesh import box
 from skfem_stvk.results import Fields, Series, write_vtu
+from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint
 from skfem_stvk.solvers.runs.archive import read_archive, write_archive
-from skfem_stvk.solvers.runs.state_files import MOTION
 
 EVERY = {
     **MESHES,
@@ -173,7 +173,7 @@ def test_checkpoints_of_another_mesh_and_other_folders_are_refused(tmp_path):
 def test_a_checkpoint_without_its_mesh_or_its_time_is_refused(tmp_path):
     kicked(0.1, checkpoint=tmp_path / "kept")
     file = tmp_path / "kept" / "motion.npz"
-    header, arrays = read_archive(file, MOTION, "")
+    header, arrays = read_archive(file, MotionCheckpoint.known, "")
     changes = [("the mesh", "it does not identify its mesh"), ("t", r"state\.t: Field required")]
     for name, why in changes:
         other = copy.deepcopy(header)

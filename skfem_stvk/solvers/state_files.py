@@ -5,69 +5,35 @@ from __future__ import annotations
 import os
 import xml.etree.ElementTree as ET
 from contextlib import suppress
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arguments import Array, number
-from ...arguments import path as checked_path
-from ...errors import StvkError, name_ids, warn
-from ...mesh import ElementMesh, MeshLike
-from ...mesh.groups import from_cells
-from ...mesh.locations import SAME_POINT
-from ...npz import Ids, Vector
-from ...results.complete_files import ForeignFile
-from ...results.law_on_elements import in_space
-from ...results.pieces import pieces_of
-from ...results.series import listed_states
-from ...results.vtu import read_vtu
-from ...system.signature import SAME, mesh_numbers
-from .archive import STRICT, FileHeader, Store, check_lengths, pattern, refusing_damage, validated
+from ..arguments import Array, number
+from ..arguments import path as checked_path
+from ..errors import StvkError, name_ids, warn
+from ..mesh import ElementMesh, MeshLike
+from ..mesh.groups import from_cells
+from ..mesh.locations import SAME_POINT
+from ..results.complete_files import ForeignFile
+from ..results.law_on_elements import in_space
+from ..results.pieces import pieces_of
+from ..results.series import listed_states
+from ..results.vtu import read_vtu
+from ..system.signature import SAME, mesh_numbers
+from .dynamics.motion_checkpoint import MOTION_FILE, MotionCheckpoint
+from .runs.archive import check_lengths, pattern, refusing_damage, validated
+from .statics.path_checkpoint import PathCheckpoint
 
 if TYPE_CHECKING:
     import meshio
 
 #: Tolerance of a requested time, as a fraction of the largest time of the series.
 SAME_TIME = 1e-9
-#: Checkpoints of motions and of paths of equilibria: format and version, and names of their files.
-MOTION, PATH = ("motion of skfem-stvk", 6), ("path of skfem-stvk", 3)
-MOTION_FILE, PATH_FILE = "motion.npz", "state_{:05d}.npz"
 #: Remedy for an unreadable checkpoint.
 OTHER = "Use another file of the run, such as its .pvd."
-
-
-@dataclass(frozen=True)
-class StateRead:
-    """State in a checkpoint: time or load factor, displacements, and velocities of a motion."""
-
-    t: float
-    u: Vector
-    v: Vector | None = None
-
-
-@dataclass(frozen=True)
-class CheckpointRead:
-    """Fields of the record of a checkpoint that are read here; it has others."""
-
-    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT | {"extra": "ignore"}
-
-    state: StateRead
-    removed: Ids = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-
-
-class MotionRead(Store[CheckpointRead]):
-    """Checkpoint of a motion, of which one state is read."""
-
-    known, remedy, schema = MOTION, OTHER, CheckpointRead
-
-
-class PathRead(MotionRead):
-    """File of one state in the checkpoint of a path."""
-
-    known = PATH
 
 
 def read_state(path: str | os.PathLike[str], mesh: MeshLike, time: float | None = None) -> tuple[Array, Array | None]:
@@ -171,12 +137,17 @@ def _chosen(path: Path, ascending: list[float], time: float | None) -> int:
 
 def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[Array, Array | None]:
     """Return displacements, and velocities for a motion."""
-    files = [path] if path.is_file() else [*path.glob(MOTION_FILE)] or sorted(path.glob(pattern(PATH_FILE)))
+    files = [path] if path.is_file() else [*path.glob(MOTION_FILE)] or sorted(path.glob(pattern(PathCheckpoint.name)))
     if not files:
-        raise StvkError(f"The folder {path} is not a checkpoint: it has neither {MOTION_FILE} nor {pattern(PATH_FILE)}. {OTHER}")
-    store = PathRead if files[0].match(pattern(PATH_FILE)) else MotionRead
-    headers = [store.read_header(file, OTHER) for file in files]
-    chosen = _chosen(path, [_time_of(file, header) for file, header in zip(files, headers, strict=True)], time)
+        raise StvkError(
+            f"The folder {path} is not a checkpoint: it has neither {MOTION_FILE} nor {pattern(PathCheckpoint.name)}. {OTHER}"
+        )
+    store: Any = PathCheckpoint if files[0].match(pattern(PathCheckpoint.name)) else MotionCheckpoint
+    headers, times = [store.read_header(file, OTHER) for file in files], []
+    for file, header in zip(files, headers, strict=True):
+        with refusing_damage(file, OTHER):
+            times.append(validated(store.schema, header.record, lambda *_: np.empty(0)).state.t)
+    chosen = _chosen(path, times, time)
     written, expected = headers[chosen].problem.numbers.get("the mesh", []), mesh_numbers(mesh)
     if len(written) != len(expected):
         raise ForeignFile(f"{files[chosen]} is damaged: it does not identify its mesh. {OTHER}")
@@ -187,17 +158,13 @@ def _of_checkpoint(path: Path, mesh: ElementMesh, time: float | None) -> tuple[A
         raise StvkError(f"{files[chosen]} belongs to another mesh: {was}.")
     if not np.allclose(written, expected, rtol=SAME, atol=0.0):
         raise StvkError(f"{files[chosen]} belongs to another mesh: its {mesh.words} or its elements differ.")
-    _, found = store.read_file(files[chosen], mesh.space)
+    _, found = store.read_file(files[chosen], mesh.space, OTHER)
     with refusing_damage(files[chosen], OTHER):
         check_lengths(found, mesh.p.size)
+    if store is PathCheckpoint:
+        return found.state.u, None
     _warn_of_lost(path, found.removed.size, mesh)
     return found.state.u, found.state.v
-
-
-def _time_of(file: Path, header: FileHeader) -> float:
-    """Return the time or load factor of the state in a file."""
-    with refusing_damage(file, OTHER):
-        return validated(CheckpointRead, header.record, lambda *_: np.empty(0)).state.t
 
 
 def _warn_of_lost(path: Path, lost: int, mesh: ElementMesh) -> None:

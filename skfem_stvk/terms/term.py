@@ -1,0 +1,205 @@
+"""What a term is before there is a body: its region, its material, and the mass and stiffness of its elements."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import Any, ClassVar, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from ..arguments import Array
+from ..edges.bound_term import BoundTerm
+from ..edges.materials import Hypothesis
+from ..errors import StvkError
+from ..mesh import ElementMesh
+
+
+class Deformation(NamedTuple):
+    """Deformation of elements at a point of each.
+
+    Attributes
+    ----------
+    elements
+        (n,) ids of the elements, for messages.
+    hypothesis
+        Components of strain or stress that vanish across them.
+    axes
+        (n, d, k) an orthonormal basis of their own line or plane at rest, as columns.
+    gradient
+        (n, d, k) derivatives of the displacement along these axes.
+    strain
+        (n, k, k) Green-Lagrange strain within the elements, without cancellation.
+    """
+
+    elements: NDArray[Any]
+    hypothesis: Hypothesis
+    axes: Array
+    gradient: Array
+    strain: Array
+
+
+class PointResponse(NamedTuple):
+    """Response of a law at a point of each of n elements, in a frame of their axes followed by the normals.
+
+    Attributes
+    ----------
+    strain
+        (n, 3, 3) Green-Lagrange strain of the material, including the strain across; without folds if it wrinkles.
+    stress
+        (n, 3, 3) second Piola-Kirchhoff stress [Pa]; 0 where it is infinite.
+    density
+        (n,) strain energy per rest volume [J/m^3].
+    infinite
+        (n,) whether the stress is infinite, for example where elements have no volume left.
+    """
+
+    strain: Array
+    stress: Array
+    density: Array
+    infinite: NDArray[np.bool_]
+
+
+class TermOrLoad:
+    """A specification without a mesh, usable in many systems.
+
+    Attributes
+    ----------
+    external
+        Whether it is a load.
+    region
+        Name of a subdomain, element ids, or None for all elements.
+    """
+
+    external: ClassVar[bool] = False
+    region: Any = None
+
+    @property
+    def per_element(self) -> bool:
+        """Whether it is a sum over elements, facets or own nodes, so that forces of the parts of a divided body add up to those of
+        the body.
+        """
+        return False
+
+
+class Term(TermOrLoad, ABC):
+    """A specification of an elastic term or a contact. The defaults are those of a term without elements.
+
+    Attributes
+    ----------
+    simplices
+        Elements of its own on the nodes of the mesh; None without them.
+    material
+        Its material; None without one.
+    resists_inversion
+        Whether elements that invert are pushed back, or cannot invert.
+    has_mass
+        Whether its elements have a `mass`.
+    is_law
+        Whether it is a law of a material on elements, with a `hypothesis` and a `section`. Strain and stress at a point follow from
+        the material unless it has a `response` of its own.
+    small_strain
+        Whether the stress of a law is that of the small strain.
+    wrinkling
+        Whether a law gives way to compression by folds.
+    has_pressure
+        Whether it is an energy of volume ratios, with the members of `VolumePenalty`.
+    """
+
+    resists_inversion: ClassVar[bool] = False
+    has_mass: ClassVar[bool] = False
+    is_law: ClassVar[bool] = False
+    small_strain: ClassVar[bool] = False
+    has_pressure: ClassVar[bool] = False
+    simplices: Any = None
+    material: Any = None
+    wrinkling: bool = False
+
+    @property
+    def without_mass(self) -> str:
+        """Reason for which its nodes have no mass, for messages; empty without one of its own."""
+        return ""
+
+    @property
+    def has_stress(self) -> bool:
+        """Whether stress and energy density are known; a law of forces on nodes has none."""
+        return self.is_law
+
+    @property
+    def has_response(self) -> bool:
+        """Whether a law has a `response` other than St. Venant-Kirchhoff's `S = C : E` of its material."""
+        return False
+
+    @abstractmethod
+    def bind(self, body: Any, dtype: DTypeLike) -> BoundTerm:
+        """Return the term on this body, with results of this type."""
+
+    def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
+        """Return the hypothesis of a law: the components of strain or stress that vanish across the elements of this mesh."""
+        raise StvkError(f"{type(self).__name__} is no law of a material; expected one such as StVK.")
+
+    def response(self, at: Deformation) -> PointResponse:
+        """Return strain, stress and energy of a law at a point of all elements of its `region`, in their order."""
+        raise StvkError(f"{type(self).__name__} has no response of its own; its stress follows from its material.")
+
+    def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
+        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,)."""
+        return np.zeros(len(sizes))
+
+    def section(self, mesh: ElementMesh, n: int) -> Any:
+        """Return the factor from the size of an element to its volume, a number or (n,); None without elements."""
+        return None
+
+    def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
+        """Return `lam + 2 mu` [Pa], a number or (n,); 0 without elements."""
+        return np.zeros(n)
+
+    def elements_held_in_shape(self, mesh: ElementMesh) -> NDArray[np.int64]:
+        """Return the ids (n,) of elements that are rigid as long as the term has no energy: by default those of a law."""
+        return mesh.elements(self.region) if self.is_law else np.empty(0, dtype=np.int64)
+
+
+class PlainSpecification(Term):
+    """Term or load of a user's class that inherits from neither `Term` nor `Load`: its members, and the defaults of those that it lacks."""
+
+    def __init__(self, of: Any) -> None:
+        self.of = of
+        declared = {name for kind in (TermOrLoad, Term) for name, one in vars(kind).items() if not isinstance(one, property)}
+        vars(self).update({name: getattr(of, name) for name in declared - {"bind"} if name[0] != "_" and hasattr(of, name)})
+        of_methods = {"has_mass": "mass", "is_law": "hypothesis", "has_pressure": "density_and_slope"}
+        vars(self).update({name: hasattr(of, method) for name, method in of_methods.items()})
+
+    @property
+    def per_element(self) -> bool:
+        return bool(getattr(self.of, "per_element", False))
+
+    @property
+    def has_stress(self) -> bool:
+        return self.is_law and bool(getattr(self.of, "has_stress", True))
+
+    @property
+    def has_response(self) -> bool:
+        return getattr(self.of, "response", None) is not None
+
+    def bind(self, body: Any, *dtype: DTypeLike) -> BoundTerm:
+        return cast(BoundTerm, self.of.bind(body, *dtype))
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "of" or name.startswith("__"):
+            raise AttributeError(name)
+        return getattr(self.of, name)
+
+
+def specified(term: Any) -> Any:
+    """Return a term or load with all members of a specification; refuse an object that does not bind."""
+    if isinstance(term, TermOrLoad):
+        return term
+    if isinstance(term, type) or not hasattr(term, "bind"):
+        name = term.__name__ if isinstance(term, type) else type(term).__name__
+        raise StvkError(f"Got a term of type {name}; expected StVK(...) or a list of terms.")
+    return PlainSpecification(term)
+
+
+def given(term: Any) -> Any:
+    """Return the user's object that a specification stands for."""
+    return term.of if isinstance(term, PlainSpecification) else term
