@@ -174,7 +174,11 @@ class BoundTerms:
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[BoundLoad]) -> None:
         """Replace the bound terms and loads of a copy by others that couple the same pairs."""
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
-        self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
+        # terms whose pairs change have blocks of their own: those of two bodies may have the same version, and other pairs
+        self.pair_terms = tuple(
+            with_blocks(term, self.mesh.nv, self.mesh.d, self.dtype) if term.pairs_change else pairs.with_term(term)
+            for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
+        )
         self._sort()
 
     def terms_at(self, t: Time) -> tuple[BoundTerm, ...]:
