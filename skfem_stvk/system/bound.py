@@ -197,7 +197,7 @@ class BoundTerms:
         return tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.terms_at(t), strict=True))
 
     def _moment(self, t: Time) -> Moment:
-        """Return the moment of load factor or time `t`, checked."""
+        """Return the moment of load factor or time `t`, checked. A subclass may evaluate terms at another moment."""
         return Moment.checked(t)
 
     def first_history(self) -> tuple[Array, ...]:

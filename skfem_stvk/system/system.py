@@ -344,7 +344,8 @@ class System(BoundTerms):
     def internal_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
         """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`."""
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype)
-        return self._energy_and_force(u, t, force, check_energy=False)[1].ravel()
+        self.space.comm.sum_of(self._energy_of_part, u, t, force, False)
+        return self.space.share(force).ravel()
 
     def energy_and_force(self, u: ArrayLike, out: Array | None = None, t: Time = 0.0) -> tuple[float, Array]:
         """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
@@ -361,7 +362,8 @@ class System(BoundTerms):
         """
         self._refuse_without_energy()
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype) if out is None else array_to_fill(self.mesh, out)
-        energy, force = self._energy_and_force(u, t, force)
+        energy = self.space.comm.sum_of(self._energy_of_part, u, t, force, True)
+        self.space.share(force)
         return energy, force.reshape(-1) if out is None else out
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None, t: Time = 0.0) -> csr_matrix:
@@ -694,19 +696,17 @@ class System(BoundTerms):
                 "Use internal_force(u) and tangent(u)."
             )
 
-    def _energy_and_force(self, u: ArrayLike, t: Time, force: Array, check_energy: bool = True) -> tuple[float, Array]:
-        """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if `check_energy`."""
-        return self.space.comm.sum_of(self._energy_of_part, u, t, force, check_energy), self.space.share(force)
-
     def _energy_of_part(self, u: ArrayLike, t: Time, force: Array, check_energy: bool) -> float:
-        """Return W of one part of a divided body, and its F in `force`."""
+        """Return W of one part of a divided body, and its F in `force`. Refuse an F that overflows, and a W if `check_energy`."""
         x = by_vertex(self.mesh, u)
         force[:] = 0
-        energy = float(sum(term.energy_and_force(x, force) for term in self.terms_at(t)))
+        energy = 0.0
+        for term in self.terms_at(t):
+            energy += term.energy_and_force(x, force)
         if check_energy:
-            refuse_overflow(energy, "W", x)
+            refuse_overflow(float(energy), "W", x)
         refuse_overflow(force, "F", x)
-        return energy
+        return float(energy)
 
     def _matrix(self, out: csr_matrix | None, structure: Structure) -> csr_matrix:
         if out is None:

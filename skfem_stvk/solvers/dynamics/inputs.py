@@ -150,11 +150,8 @@ class Inputs:
         if not self.shapes:
             return body
         assert isinstance(body, System)  # bodies on a basis have no contacts
-        moved: dict[Any, Any] = {
-            contact: contact.moved_by(MovedShape(self, self.known[contact.name].part))
-            for contact in rigid(body.contacts)
-            if contact.name in self.shapes
-        }
+        contacts = [one for one in rigid(body.contacts) if one.name in self.shapes]
+        moved: dict[Any, Any] = {one: one.moved_by(MovedShape(self, self.known[one.name].part)) for one in contacts}
         return body.with_terms([moved.get(term, term) for term in body.bound_terms])
 
     def displacements(self, t: float) -> Array:
