@@ -97,6 +97,7 @@ class BoundTerms:
         self.grounded = self.space.union(tied, self.ndofs)
         self._with_history = [i for i, term in enumerate(self.bound_terms) if term.has_history]
         self._changing = frozenset(i for i, term in enumerate(self.bound_terms) if term.takes_time)
+        self._last_terms: tuple[Moment, tuple[BoundTerm, ...]] | None = None
         self._with_changing_pairs = [one for one in every if one.pairs_change]
         every_elastic = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         self.on_elements = [(number, of, term) for number, of, term in every_elastic if isinstance(term, BoundElements)]
@@ -183,12 +184,18 @@ class BoundTerms:
 
     def terms_at(self, t: Time) -> tuple[BoundTerm, ...]:
         """Return the bound terms at the load factor or moment `t`, with the history of its step."""
+        known = self._last_terms  # read once, since other threads write it
+        if known is not None and known[0] is t:
+            return known[1]
         moment = self._moment(t)
         if not self._changing:
             return self.bound_terms
         histories = iter(() if moment.step is None else moment.step.history)
         history = {i: next(histories, None) for i in self._with_history}
-        return tuple(term.at(moment, history.get(i)) if i in self._changing else term for i, term in enumerate(self.bound_terms))
+        terms = tuple(term.at(moment, history.get(i)) if i in self._changing else term for i, term in enumerate(self.bound_terms))
+        if isinstance(t, Moment):  # a step evaluates them several times at one moment
+            self._last_terms = t, terms
+        return terms
 
     def pairs_at(self, t: Time) -> tuple[PairTerm, ...]:
         """Return `terms_at` with their blocks."""
