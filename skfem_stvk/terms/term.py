@@ -160,7 +160,7 @@ class Term(TermOrLoad, ABC):
 
 
 class PlainSpecification(Term):
-    """Term or load of a user's class that inherits from neither `Term` nor `Load`: its members, and the defaults of those that it lacks."""
+    """Term or load of a user's class that inherits from neither `Term` nor `Load`. Members that it lacks have their defaults."""
 
     def __init__(self, of: Any) -> None:
         self.of = of
