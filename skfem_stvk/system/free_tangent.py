@@ -107,8 +107,8 @@ class FreeTangent:
     def matrix(self, u: Array, t: Time, kept: Tensions = ALL, follows: bool = True) -> csr_matrix:
         """Return the Jacobian at `u` (ndofs,) of all degrees of freedom, in the memory of the previous one.
 
-        Without `follows`, return the elastic K, which has no stiffness of follower loads. If a term has changed the nodes it couples, K has another structure, which is analysed
-        again.
+        Without `follows`, return the elastic K, which has no stiffness of follower loads. If a term has changed the nodes it
+        couples, K has another structure, which is analysed again.
         """
         self._follow_pattern(u, t)
         self._free_arguments = None

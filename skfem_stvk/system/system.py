@@ -83,8 +83,9 @@ class System(BoundTerms):
         edges, and 1 makes quadratic ones linear.
     quadrature
         Integration rule. "exact" integrates W exactly on elements with straight edges. By default quadratic segments, triangles and
-        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.mesh.rules.rule_of`). "one-point" is for
-        quadrilaterals and hexahedra: it uses mean gradients, and a control of the hourglass modes, which have zero mean gradients.
+        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.mesh.rules.rule_of`). "one-point" is
+        for quadrilaterals and hexahedra: it uses mean gradients, and a control of the hourglass modes, which have zero mean
+        gradients.
     hourglass
         Coefficient for "one-point", by default 0.05. The energy `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is
         added. Here `g_a` are the mean gradients, and `gamma_k` are the signs +-1 of the mode at the nodes without their affine
@@ -731,7 +732,8 @@ class System(BoundTerms):
     ) -> float:
         """Fill the values of K of one part of a divided body, or of K over the `free` degrees of freedom; return the energy.
 
-        `terms` are those of `pairs_at`, and `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
+        `terms` are those of `pairs_at`, and `rows_of_terms` are the results of their `rows`. The internal force is added to `force`
+        if given.
         """
         damped: list[tuple[float, Tensions, Any, Any]] = []
         others: list[tuple[float, Tensions, Any, Any]] = []
