@@ -92,10 +92,10 @@ class BoundTerms:
         #: Bound terms of contact, and their numbers among the bound terms.
         self.contacts = [term for term in self.bound_terms if isinstance(term, BoundContact)]
         self.contact_numbers = [i for i, term in enumerate(self.bound_terms) if term in self.contacts]
-        # Numbers of the terms with a history, and of those that depend on more than displacements: time, history or an assumption.
         of_foundations = [term.grounded for term in self.foundations]
         tied = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *of_foundations]))
         self.grounded = self.space.union(tied, self.ndofs)
+        # Indices of the terms with a history, and of those that depend on more than displacements: on time, history, an assumption.
         self._with_history = [i for i, term in enumerate(self.bound_terms) if term.has_history]
         self._changing = frozenset(i for i, term in enumerate(self.bound_terms) if term.takes_time)
         self._last_terms: tuple[Moment, tuple[BoundTerm, ...]] | None = None
