@@ -199,7 +199,7 @@ class System(BoundTerms):
         self._whole: csr_matrix | None = None  # the whole K, when only a part was requested
         self._bare: BareDiagonal | None = None
         self._pieces: Pieces | None = None
-        self._lock = CopyableLock()
+        self._lock = CopyableLock()  # of the caches above, which calls of several threads share, and of pairs between `look` and K
 
     def without(self: SystemType, elements: str | ArrayLike) -> SystemType:
         """Return the body without these elements, as a new system; this system does not change.
@@ -305,8 +305,8 @@ class System(BoundTerms):
         """
         if self._with_changing_pairs:
             x = self._state(u)
-            for term in self.terms_at(t):
-                term.look(x)
+            for one in (*self.terms_at(t), *self.bound_loads):
+                one.look(x)
 
     @property
     def pattern(self) -> Pattern:
@@ -437,7 +437,6 @@ class System(BoundTerms):
         """
         return TangentOperator(self.mesh, self.pairs_at, u, self.dtype, _checked_tensions(kept), t)
 
-    @locked
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
@@ -471,7 +470,6 @@ class System(BoundTerms):
         x = self._state(u)
         return energy + self.space.comm.total(float(sum(load.potential(x, moment) for load in self.bound_loads)))
 
-    @locked
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the residual `F(u) - f_ext(u, t)` (ndofs,) [N]; in equilibrium only the reactions at the supports are not zero.
 
