@@ -178,7 +178,7 @@ class BoundTerms:
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
         # terms whose pairs change have blocks of their own: those of two bodies may have the same version, and other pairs
         self.pair_terms = tuple(
-            with_blocks(term, self.mesh.nv, self.mesh.d, self.dtype) if term.pairs_change else pairs.with_term(term)
+            term.with_blocks(self.mesh.nv, self.mesh.d, self.dtype) if term.pairs_change else pairs.with_term(term)
             for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
         )
         self._sort()
