@@ -156,7 +156,7 @@ def implausible_moduli(moduli: Mapping[str, Any], units: UnitSystem, size: float
     --------
     >>> print(*implausible_moduli({"steel: young": 2.1e5}, UNITS["SI"], size=100.0))
     steel: young = 210000 Pa is unusual for a body of 100 m; usual are 500000 to 2e+12 Pa. It would be usual with
-    units = "mm-N-MPa", "mm-kg-ms", "mm-g-ms", "um-kg-s", "in-lbf-s".
+    units = "mm-N-MPa", "mm-g-ms", "cm-g-s", "um-kg-s", "in-lbf-s".
     """
 
     def usual(units: UnitSystem) -> tuple[float, float]:

@@ -10,6 +10,7 @@ import pytest
 from numpydoc.validate import validate
 
 import skfem_stvk
+from skfem_stvk.solvers.runs.run_result import RunResult
 
 LEFT_OUT = {
     "PR04": "types are annotations, which mypy checks",
@@ -24,9 +25,10 @@ LEFT_OUT_OF_RESULTS = {"PR01": "no user calls the constructor of a class that do
 
 
 def members(cls):
-    """Public functions and properties that a class defines itself."""
+    """Public functions and properties that a class defines itself, and those of all results of runs."""
     kinds = (FunctionType, property, cached_property, classmethod, staticmethod)
-    return [name for name, member in vars(cls).items() if name[0] != "_" and isinstance(member, kinds)]
+    own = {name: member for one in cls.__mro__ if one in (cls, RunResult) for name, member in vars(one).items()}
+    return [name for name, member in own.items() if name[0] != "_" and isinstance(member, kinds)]
 
 
 PUBLIC = [name for name in skfem_stvk.__all__ if callable(getattr(skfem_stvk, name))]

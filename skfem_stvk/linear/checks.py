@@ -21,23 +21,15 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class LatestFactors:
-    """Number of the latest factors of an analysis. Only these may solve. Python threads hold its `lock` during calls."""
+    """The `number` of the latest factors of an analysis. Only these may solve. Python threads hold its `lock` during calls."""
 
     def __init__(self) -> None:
-        self._number, self.lock = 0, CopyableLock()
+        self.number, self.lock = 0, CopyableLock()
 
     def next(self) -> int:
         """Return a number for new factors, which makes all others stale."""
-        self._number += 1
-        return self._number
-
-    def check(self, number: int) -> None:
-        """Refuse factors that are not the latest."""
-        if number != self._number:
-            raise StvkError(
-                "These factors are stale: their analysis has factorised another matrix since. Solve with the factors that "
-                "factorise() returned last, or call analyse() again for a second set of factors."
-            )
+        self.number += 1
+        return self.number
 
 
 def latest_only(method: Method) -> Method:
@@ -46,7 +38,11 @@ def latest_only(method: Method) -> Method:
     @wraps(method)
     def waiting(self: Any, *arguments: Any, **named: Any) -> Any:
         with self._latest.lock:
-            self._latest.check(self._number)
+            if self._number != self._latest.number:
+                raise StvkError(
+                    "These factors are stale: their analysis has factorised another matrix since. Solve with the factors that "
+                    "factorise() returned last, or call analyse() again for a second set of factors."
+                )
             return method(self, *arguments, **named)
 
     return cast(Method, waiting)

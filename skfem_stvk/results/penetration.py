@@ -10,7 +10,7 @@ from ..arguments import Array, shown
 from ..mesh.displacements import by_vertex
 from ..system import System
 from ..terms.loads.load import Moment, Time
-from ..terms.loads.rigid_contact import BoundRigidContact
+from ..terms.loads.rigid_contact import BoundRigidContact, rigid
 from .monitors import Finding
 
 #: Depth in mean edges of the facets above which a contact is too soft: a pressed ball then has lost 10 % of its force.
@@ -25,8 +25,8 @@ def contact_findings_at(system: System, u: Array, t: Time) -> Iterator[Finding]:
     """Yield the findings on contacts at displacements `u` (ndofs,) and load factor `t`."""
     x = by_vertex(system.mesh, u)
     for contact in system.contacts_at(t):
-        if isinstance(contact, BoundRigidContact):
-            yield from penetration(system, contact, x, contact.smallest_gap(x), "")
+        for one in rigid([contact]):
+            yield from penetration(system, one, x, one.smallest_gap(x), "")
         if contact.has_friction:
             missing, largest = contact.missing_friction(x)
             resultant = float(np.linalg.norm(missing.sum(axis=0)))
@@ -71,8 +71,7 @@ def short_on_path(system: System, times: Array, states: Array) -> Iterator[Findi
     Only shapes with another side count, because a body leaves the others where it came from.
     """
     remedy = "The body may have passed the shape: take more steps, a finer surface, or a larger stiffness."
-    rigid = [contact for contact in system.contacts if isinstance(contact, BoundRigidContact)]
-    for contact in (one for one in rigid if np.isfinite(one.shape.thickness)):
+    for contact in (one for one in rigid(system.contacts) if np.isfinite(one.shape.thickness)):
         at = (contact.at(Moment.of(t), None) for t in times)
         gaps = np.array([one.smallest_gap(by_vertex(system.mesh, u)) for one, u in zip(at, states, strict=True)])
         yield from short_contacts(contact, gaps, times, "", "states of the path", remedy)
@@ -97,8 +96,7 @@ def start_within(system: System, ledger: Mapping[str, Array]) -> str:
     """Return a sentence on rigid shapes in which the body is deep at the start; empty after the first step."""
     if len(ledger["time"]) != 1:
         return ""
-    contacts = [term for term in system.contacts if isinstance(term, BoundRigidContact)]
-    deep = [shown(one.name) for one in contacts if ledger[f"contact {one.name} gap"][0] < -DEEP * one.edge]
+    deep = [shown(one.name) for one in rigid(system.contacts) if ledger[f"contact {one.name} gap"][0] < -DEEP * one.edge]
     return (
         f" The body starts within the shape of {', '.join(deep)}: check the position and the normal of the shape." if deep else ""
     )
@@ -108,7 +106,7 @@ def contact_findings(system: System, ledger: Mapping[str, Array], u: Array, t: T
     """Yield the findings on rigid contacts of a motion with the last displacements `u` (ndofs,) at `t`."""
     times, x, s = ledger["time"], by_vertex(system.mesh, u), f" {system.units.of('s')}"
     remedy = "Steps do not resolve their forces. Take a smaller dt, a smaller stiffness, or an onset."
-    for contact in (term for term in system.contacts_at(t) if isinstance(term, BoundRigidContact)):
+    for contact in rigid(system.contacts_at(t)):
         gaps = ledger[f"contact {contact.name} gap"]
         deepest = int(gaps.argmin())
         yield from penetration(system, contact, x, gaps[deepest], f", at t = {times[deepest]:.4g}{s}")

@@ -40,6 +40,8 @@ class FreeTangent:
     ----------
     space, constrained
         Spaces of the free and of the constrained degrees of freedom.
+    multigrid
+        Analysis of multigrid, which reuses its hierarchy from matrix to matrix; None with other solvers.
     position
         (ndofs,) current displacements of the body [m], for solvers that use its rigid motions; `at` sets it.
     """
@@ -64,6 +66,7 @@ class FreeTangent:
         self._free_arguments: tuple[Time, Tensions, bool] | None = None  # arguments of a K without the columns of constrained dofs
         self._Kff: csr_matrix | None = None
         self._version, self._analysis = self.system.pattern_version, solver.analyse(self.unknowns())
+        self.multigrid = self._analysis if isinstance(self._analysis, AmgAnalysis) else None
 
     def replace_system(self, system: System) -> None:
         """Continue with a system with removed elements, which has the same pattern of K. The analysis of the solver is reused."""
@@ -104,8 +107,8 @@ class FreeTangent:
     def matrix(self, u: Array, t: Time, kept: Tensions = ALL, follows: bool = True) -> csr_matrix:
         """Return the Jacobian at `u` (ndofs,) of all degrees of freedom, in the memory of the previous one.
 
-        Without `follows`, return the elastic K, which has no stiffness of follower loads. If a term has changed the nodes it couples, K has another structure, which is analysed
-        again.
+        Without `follows`, return the elastic K, which has no stiffness of follower loads. If a term has changed the nodes it
+        couples, K has another structure, which is analysed again.
         """
         self._follow_pattern(u, t)
         self._free_arguments = None
@@ -179,11 +182,6 @@ class FreeTangent:
         if exact:
             self.exact = factors
         return factors
-
-    @property
-    def multigrid(self) -> AmgAnalysis | None:
-        """Analysis of multigrid, which reuses its hierarchy from matrix to matrix; None with other solvers."""
-        return self._analysis if isinstance(self._analysis, AmgAnalysis) else None
 
     def forget(self) -> None:
         """Drop the hierarchy of multigrid, so that the next matrix gets a new one."""

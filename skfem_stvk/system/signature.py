@@ -154,8 +154,8 @@ def _energy(system: System, u: Array) -> float:
 def sums(values: Array, numbers: NDArray[np.int64] | None = None, comm: Communicator = ONE_PROCESS) -> list[float]:
     """Return two finite numbers that change with each value, its sign and its index.
 
-    Neither is near zero by cancellation. In a divided body, the values of all parts count, with their indices `numbers` in an array of
-    the whole body.
+    Neither is near zero by cancellation. In a divided body, the values of all parts count, with their indices `numbers` in an array
+    of the whole body.
     """
     weights = 1.5 + np.cos(np.arange(values.size) if numbers is None else numbers.ravel())
     with np.errstate(over="ignore", invalid="ignore"):

@@ -27,7 +27,6 @@ from ..terminal import html_table
 from ..terms import (
     BoundLoad,
     Load,
-    MeshContact,
     Term,
     is_load,
 )
@@ -83,8 +82,9 @@ class System(BoundTerms):
         edges, and 1 makes quadratic ones linear.
     quadrature
         Integration rule. "exact" integrates W exactly on elements with straight edges. By default quadratic segments, triangles and
-        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.mesh.rules.rule_of`). "one-point" is for
-        quadrilaterals and hexahedra: it uses mean gradients, and a control of the hourglass modes, which have zero mean gradients.
+        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.mesh.rules.rule_of`). "one-point" is
+        for quadrilaterals and hexahedra: it uses mean gradients, and a control of the hourglass modes, which have zero mean
+        gradients.
     hourglass
         Coefficient for "one-point", by default 0.05. The energy `hourglass/16 (lam + 2 mu) V sum_a |g_a|^2 sum_k |gamma_k' u|^2` is
         added. Here `g_a` are the mean gradients, and `gamma_k` are the signs +-1 of the mode at the nodes without their affine
@@ -183,7 +183,7 @@ class System(BoundTerms):
         found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
         mesh, self.made_from = found.mesh, found.source
         rule = checked_quadrature(mesh, quadrature, hourglass)
-        check_mesh(mesh, found.beside, in_parts=any(isinstance(term, MeshContact) for term in found.terms))
+        check_mesh(mesh, found.beside, in_parts=any(not is_load(term) and term.between_parts for term in found.terms))
         if not double:
             refuse_divided(mesh.space.comm, "dtype = float32", "float64", "sums over the parts are in double precision.")
             warn_of_flat_elements(mesh)
@@ -199,7 +199,7 @@ class System(BoundTerms):
         self._whole: csr_matrix | None = None  # the whole K, when only a part was requested
         self._bare: BareDiagonal | None = None
         self._pieces: Pieces | None = None
-        self._lock = CopyableLock()
+        self._lock = CopyableLock()  # of the caches above, which calls of several threads share, and of pairs between `look` and K
 
     def without(self: SystemType, elements: str | ArrayLike) -> SystemType:
         """Return the body without these elements, as a new system; this system does not change.
@@ -275,8 +275,10 @@ class System(BoundTerms):
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:
         super()._replace_bound(terms, loads)
-        followers = zip(self._follower_loads, self._bound_follower_loads(), strict=True)
-        self._follower_loads = [blocks.with_term(load) for blocks, load in followers]
+        self._follower_loads = [
+            AccumulatedBlocks(load, self.mesh.nv, self.mesh.d, np.float64) if load.pairs_change else blocks.with_term(load)
+            for blocks, load in zip(self._follower_loads, self._bound_follower_loads(), strict=True)
+        ]
         self._operator = None
 
     def _bound_follower_loads(self) -> list[BoundLoad]:
@@ -305,8 +307,8 @@ class System(BoundTerms):
         """
         if self._with_changing_pairs:
             x = self._state(u)
-            for term in self.terms_at(t):
-                term.look(x)
+            for one in (*self.terms_at(t), *self.bound_loads):
+                one.look(x)
 
     @property
     def pattern(self) -> Pattern:
@@ -342,7 +344,8 @@ class System(BoundTerms):
     def internal_force(self, u: ArrayLike, t: Time = 0.0) -> Array:
         """Return the internal force `F = dW/du` (ndofs,) [N]; the residual of statics is `F - f_ext`."""
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype)
-        return self._energy_and_force(u, t, force, check_energy=False)[1].ravel()
+        self.space.comm.sum_of(self._energy_of_part, u, t, force, False)
+        return self.space.share(force).ravel()
 
     def energy_and_force(self, u: ArrayLike, out: Array | None = None, t: Time = 0.0) -> tuple[float, Array]:
         """Return `W(u)` [J] and `F(u)` (ndofs,) [N], at the cost of one of them.
@@ -359,7 +362,8 @@ class System(BoundTerms):
         """
         self._refuse_without_energy()
         force = np.empty(self.mesh.p.T.shape, dtype=self.dtype) if out is None else array_to_fill(self.mesh, out)
-        energy, force = self._energy_and_force(u, t, force)
+        energy = self.space.comm.sum_of(self._energy_of_part, u, t, force, True)
+        self.space.share(force)
         return energy, force.reshape(-1) if out is None else out
 
     def tangent(self, u: ArrayLike, out: csr_matrix | None = None, *, free: FreeDofs | None = None, t: Time = 0.0) -> csr_matrix:
@@ -435,7 +439,6 @@ class System(BoundTerms):
         """
         return TangentOperator(self.mesh, self.pairs_at, u, self.dtype, _checked_tensions(kept), t)
 
-    @locked
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
@@ -469,7 +472,6 @@ class System(BoundTerms):
         x = self._state(u)
         return energy + self.space.comm.total(float(sum(load.potential(x, moment) for load in self.bound_loads)))
 
-    @locked
     def residual(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the residual `F(u) - f_ext(u, t)` (ndofs,) [N]; in equilibrium only the reactions at the supports are not zero.
 
@@ -694,19 +696,17 @@ class System(BoundTerms):
                 "Use internal_force(u) and tangent(u)."
             )
 
-    def _energy_and_force(self, u: ArrayLike, t: Time, force: Array, check_energy: bool = True) -> tuple[float, Array]:
-        """Return W, and F in the array `force` (nv, d). Refuse an F that overflows, and a W if `check_energy`."""
-        return self.space.comm.sum_of(self._energy_of_part, u, t, force, check_energy), self.space.share(force)
-
     def _energy_of_part(self, u: ArrayLike, t: Time, force: Array, check_energy: bool) -> float:
-        """Return W of one part of a divided body, and its F in `force`."""
+        """Return W of one part of a divided body, and its F in `force`. Refuse an F that overflows, and a W if `check_energy`."""
         x = by_vertex(self.mesh, u)
         force[:] = 0
-        energy = float(sum(term.energy_and_force(x, force) for term in self.terms_at(t)))
+        energy = 0.0
+        for term in self.terms_at(t):
+            energy += term.energy_and_force(x, force)
         if check_energy:
-            refuse_overflow(energy, "W", x)
+            refuse_overflow(float(energy), "W", x)
         refuse_overflow(force, "F", x)
-        return energy
+        return float(energy)
 
     def _matrix(self, out: csr_matrix | None, structure: Structure) -> csr_matrix:
         if out is None:
@@ -731,7 +731,8 @@ class System(BoundTerms):
     ) -> float:
         """Fill the values of K of one part of a divided body, or of K over the `free` degrees of freedom; return the energy.
 
-        `terms` are those of `pairs_at`, and `rows_of_terms` are the results of their `rows`. The internal force is added to `force` if given.
+        `terms` are those of `pairs_at`, and `rows_of_terms` are the results of their `rows`. The internal force is added to `force`
+        if given.
         """
         damped: list[tuple[float, Tensions, Any, Any]] = []
         others: list[tuple[float, Tensions, Any, Any]] = []

@@ -1,7 +1,7 @@
 """Twins of the kernels in plain NumPy: the same signatures, slow and readable.
 
-Only tests call the twins, and compare the kernels with them. Kernels of laws and elements have none: they are compared with formulas
-of the continuum, with scikit-fem and with differences of the energy.
+Only tests call the twins, and compare the kernels with them. Kernels of laws and elements have none: they are compared with
+formulas of the continuum, with scikit-fem and with differences of the energy.
 """
 
 from __future__ import annotations

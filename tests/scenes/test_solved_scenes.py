@@ -34,7 +34,7 @@ from skfem_stvk.results.vtu import read_vtu, write_mesh
 from skfem_stvk.scenes import Scene
 from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.scenes.folder import Folder
-from skfem_stvk.scenes.sweep import _solve, _start_of_each, _Task, planned
+from skfem_stvk.scenes.sweep import _solve, _start, planned
 
 BEAM = """
 [mesh]
@@ -599,10 +599,10 @@ def test_a_run_of_a_sweep_is_repeated_after_its_rigid_mesh_moved(tmp_path):
     write_die(tmp_path / "die.vtu", -0.3)
     runs = planned(path, ["analysis.steps=4"])[1]
     runs[0].scene.solve(tmp_path / "runs" / runs[0].name, quiet=True)
-    assert _start_of_each(tmp_path / "runs", runs, False) == {runs[0].name: None}
+    assert _start(runs[0], tmp_path / "runs", False) is None
     write_die(tmp_path / "die.vtu", -0.28)
-    with pytest.raises(StvkError, match="the scene has changed"):
-        _start_of_each(tmp_path / "runs", planned(path, ["analysis.steps=4"])[1], False)
+    with pytest.raises(StvkError, match="results of another scene"):
+        _start(planned(path, ["analysis.steps=4"])[1][0], tmp_path / "runs", False)
 
 
 LISTED = "<VTKFile><Collection>{}</Collection></VTKFile>".format(
@@ -679,5 +679,5 @@ def test_an_unexpected_error_is_not_reported_as_bad_input(tmp_path, monkeypatch,
     with pytest.raises(AnalysisError, match="a fault"):
         main(["solve", str(path), "--quiet"])
     assert json.loads((tmp_path / "beam" / "summary.json").read_text())["status"] == "was killed or is running"
-    failure = _solve(_Task(path, (), tmp_path / "swept", "new"))
-    assert failure.status == "crashed" and "a fault" in failure.message
+    failure = _solve((path, (), tmp_path / "swept", "new"))
+    assert failure[0] == "crashed" and "a fault" in failure[2]

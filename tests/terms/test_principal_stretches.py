@@ -292,6 +292,18 @@ def test_user_supplied_frames_rotate_linear_elasticity(name):
         assert body.jacobian(u, t).toarray() == pytest.approx(by_node(K0, spin(t)), abs=1e-12 * np.abs(K0).max())
 
 
+def test_a_law_in_frames_is_unchanged_by_calls_at_other_times():
+    mesh = MESHES["tetrahedra"]
+    law = Corotated(young=2.0, poisson=0.3, rotation=lambda t: np.broadcast_to(spin(t), (mesh.nt, 3, 3)))
+    body, fresh, u = System(mesh, law), System(mesh, law), 0.3 * state(mesh)
+    at_one = body.internal_force(u, 1.0)
+    body.jacobian(u, 2.0)
+    body.product(u, u, 0.7)
+    assert np.array_equal(body.internal_force(u), fresh.internal_force(u)) and np.array_equal(body.internal_force(u, 1.0), at_one)
+    assert np.array_equal(body.tangent(u).data, fresh.tangent(u).data) and np.array_equal(body.product(u, u), fresh.product(u, u))
+    assert np.abs(at_one - fresh.internal_force(u)).max() > 0.1 * np.abs(at_one).max()
+
+
 def test_a_body_follows_user_supplied_frames():
     """In statics, a body follows user-supplied frames without stress if three nodes are prescribed to rotate with the frames."""
     mesh = block()

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-#: Seconds after which a test hangs, as one with a fault may.
-LONGEST = 900
 LOG, FILES = os.environ.get("PROTECTION_LOG", os.devnull), int(os.environ.get("PROTECTION_FILES", 0))
+#: Seconds after which a test hangs. Tests with a fault often do.
+LONGEST = 600 if FILES else 3600
 _nowhere = os.open(os.devnull, os.O_WRONLY)
 _hits: set[tuple[str, str]] = set()
 _failed: set[str] = set()

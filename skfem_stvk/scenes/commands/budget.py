@@ -67,7 +67,7 @@ class Budget:
         yield self._line("precomputed", "", self._precomputed)
 
     def _line(self, body: str, integrator: str, work: Callable[[], tuple[Array, float | None]], solver: str = "") -> str:
-        """Return a line of the table, with the times (n,) [s] and the error that `work` returns, or with the reason of its error."""
+        """Return a line of the table: the times (n,) [s] and the error that `work` returns, or the reason of its error."""
         try:
             times, error = work()
         except StvkError as reason:

@@ -16,7 +16,7 @@ from ...mesh.locations import vertices_at
 from ...system import System
 from ...system.coordinates import Coordinates
 from ...terms.loads.load import Moment, Time
-from ...terms.loads.rigid_contact import BoundRigidContact
+from ...terms.loads.rigid_contact import rigid
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class Inputs:
             at += d
         self._forces = slice(self._count, at)
         self.shapes = _checked_names("moved", shapes, "['ball']. Name a contact: RigidContact(..., name='ball').")
-        contacts = {term.name: term.contact for term in system.contacts if isinstance(term, BoundRigidContact)}
+        contacts = {term.name: term.contact for term in rigid(system.contacts)}
         for name in self.shapes:
             if name not in contacts:
                 raise ContactError(f"moved = {name!r}; expected a RigidContact of the body; {name_known(name, contacts)}")
@@ -150,14 +150,9 @@ class Inputs:
         if not self.shapes:
             return body
         assert isinstance(body, System)  # bodies on a basis have no contacts
-        return body.with_terms(
-            [
-                term.moved_by(MovedShape(self, self.known[term.name].part))
-                if isinstance(term, BoundRigidContact) and term.name in self.shapes
-                else term
-                for term in body.bound_terms
-            ]
-        )
+        contacts = [one for one in rigid(body.contacts) if one.name in self.shapes]
+        moved: dict[Any, Any] = {one: one.moved_by(MovedShape(self, self.known[one.name].part)) for one in contacts}
+        return body.with_terms([moved.get(term, term) for term in body.bound_terms])
 
     def displacements(self, t: float) -> Array:
         """Return the displacements of the `moved` entries at time `t` [m]."""

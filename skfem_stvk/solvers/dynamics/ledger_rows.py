@@ -17,7 +17,6 @@ from ...mesh.locations import Where, vertices_at
 from ...results.reactions import ReactionPlace
 from ...system import System
 from ...system.coordinates import Coordinates
-from ...terms.loads.rigid_contact import BoundRigidContact
 from ..runs.ledger import Ledger
 from .motion import Motion
 from .record import MotionState
@@ -86,7 +85,7 @@ def column_names(
         *(
             f"contact {contact.name} {column}"
             for contact in contacts
-            for column in (*axes, *(("gap",) if isinstance(contact, BoundRigidContact) else ()))
+            for column in (*axes, *(("gap",) if contact.shape is not None else ()))
         ),
     )
 
@@ -254,7 +253,7 @@ class LedgerWriter:
                 row += list(mesh.space.comm.total(place.forces(forces).sum(axis=0)))
         for contact, force in zip(motion.system.contacts_at(motion.moment(state.t)), state.forces, strict=False):
             row += list(force.reshape(-1, mesh.d)[contact.nodes].sum(axis=0))
-            if isinstance(contact, BoundRigidContact):
+            if contact.shape is not None:
                 row.append(contact.smallest_gap(by_vertex(mesh, state.u)))
         for column in self._without_value:
             row[column] = nan

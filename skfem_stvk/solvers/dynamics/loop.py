@@ -10,7 +10,7 @@ from ...results.complete_files import WriteError
 from ...results.monitors import Finding, Monitors
 from ...results.penetration import contact_findings, start_within
 from ...system.divided import parts_line
-from ...terms.loads.rigid_contact import BoundRigidContact
+from ...terms.loads.rigid_contact import rigid
 from ...units import UnitSystem, remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text, relative_closure_error
@@ -248,7 +248,7 @@ class Loop:
         speed = np.sqrt((v**2).sum(axis=1))
         along = speed * (v @ mesh.extent) if mesh.k == mesh.d else speed**2  # speed^2 times the height
         impact = system.space.comm.most(float(np.sqrt(per_size * along.max(initial=0.0))))
-        return "".join(one.too_soft(impact) for one in system.contacts if isinstance(one, BoundRigidContact))
+        return "".join(one.too_soft(impact) for one in rigid(system.contacts))
 
     def _time(self, t: float) -> str:
         return f"t = {t:.6g} {self._units.of('s')}"

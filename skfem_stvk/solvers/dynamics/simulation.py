@@ -228,7 +228,8 @@ class Simulation:
         """
         record, values, before = self._record, self._inputs.changed(inputs), self._inputs.values
         state, clock = record.state, record.clock
-        then, origin = (replace(clock), record.reviews, record.steps, record.cuts, record.history), record.origin
+        at, origin = Clock(clock.start, clock.dt, clock.count), record.origin
+        then = at, record.reviews, record.steps, record.cuts, record.history
         if until is None:
             end = clock.next(inf)[0]
             self._inputs.begin(values, state.t, end)

@@ -16,7 +16,7 @@ from ...linear.amg import Pace
 from ...linear.block_cg import BlockJacobiAnalysis, BlockJacobiCg, BlockJacobiFactors
 from ...linear.cg import EdgeFactors
 from ...linear.dense import DenseFactors
-from ...system import FreeOperator, System, TangentOperator
+from ...system import FreeOperator, System
 from ...system.coordinates import Coordinates, DenseTangent
 from ...system.free_tangent import FreeTangent, kind_of
 from ...terms.loads.load import APART, Assumed, Moment, Time
@@ -117,6 +117,7 @@ class StepMatrix:
         if self._tensions is not None:
             self._tensions.begin(u0)
         self._c, self._g, self.with_tensions = c, g, True
+        self._inertia_factor = c + self._motion.alpha * g
 
     def add_mean_force(self, w: Array, t: Time, out: Array) -> None:
         """Add the mean internal force over the step by `w` to `out`, both (ndofs,) [N]."""
@@ -126,7 +127,7 @@ class StepMatrix:
         """Return the sums (ndofs,) of `FreeTangent.round_off`, at the end of the step."""
         return self.tangent.round_off(self._u0 + w, self.assuming(w, t))
 
-    def factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
+    def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
         """Return factors of the chosen tangent, or of a fallback of Newton's method, as in statics.
 
         K(0), and K of a linear body, are factorised once.
@@ -197,10 +198,6 @@ class StepMatrix:
         self._factorise(origin.w, self._motion.moment(origin.t), origin.tangent)
         self.tangent.multigrid.pace = Pace(origin.pace, origin.slow)
 
-    @property
-    def _inertia_factor(self) -> float:
-        return self._c + self._motion.alpha * self._g
-
     def _parts(self, retained: Tensions) -> tuple[Tensions, Tensions]:
         """Return the tensions in K, with the factor of edge damping, and the additional tensions of the beginning.
 
@@ -255,15 +252,6 @@ class StepMatrix:
 
     def _operator(self, w: Array, t: Time, retained: Tensions) -> FreeOperator:
         """Return K as an operator for products. The mass on its diagonal replaces any other shift."""
-        operator = self._prepared(w, t, retained)
-        if self._free_operator is None:
-            free = self.tangent.free.free
-            self._lumped = self._motion.mass.vertex[free // self._system.mesh.d]
-            self._free_operator = FreeOperator(operator, self.tangent.free, np.zeros(len(free)))
-        np.multiply(self._lumped, self._inertia_factor, out=self._free_operator.shift)
-        return self._free_operator
-
-    def _prepared(self, w: Array, t: Time, retained: Tensions) -> TangentOperator:
         within, retained = self._parts(retained)
         operator = self.tangent.operator(self._position(w), self.assuming(w, t), within)
         others = [(self._motion.beta * self._g, self._motion.at_rest)] if self._motion.beta else []
@@ -271,7 +259,12 @@ class StepMatrix:
             others += self._tensions.operators(t, retained)
         if others:
             operator.scale_and_add(1.0, others)
-        return operator
+        if self._free_operator is None:
+            free = self.tangent.free.free
+            self._lumped = self._motion.mass.vertex[free // self._system.mesh.d]
+            self._free_operator = FreeOperator(operator, self.tangent.free, np.zeros(len(free)))
+        np.multiply(self._lumped, self._inertia_factor, out=self._free_operator.shift)
+        return self._free_operator
 
 
 class DenseStepMatrix:
@@ -324,7 +317,7 @@ class DenseStepMatrix:
         """Return the sums (m,) of `DenseTangent.round_off`, at the end of the step."""
         return self.tangent.round_off(self._u0 + w, t, self.response(w)[1])
 
-    def factorise(self, w: Array, t: Time, tangent: Tangent) -> DenseFactors:
+    def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> DenseFactors:
         """Return factors of the exact matrix. For other tangents, replace its eigenvalues by their absolute values."""
         with self._watch("assemble"):
             K = self.inertia + self.response(w)[1]

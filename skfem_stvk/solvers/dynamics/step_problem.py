@@ -7,12 +7,11 @@ from numpy.typing import NDArray
 
 from ...arguments import Array
 from ...errors import StateError
-from ...linear import Factors
 from ...results.monitors import named_elements
 from ...system.equation import Equation
 from ...system.round_off import EPS
 from ...terms.loads.load import Moment, Time
-from ..newton.problem import Residual, Tangent
+from ..newton.problem import Residual
 from ..newton.stopwatch import Stopwatch
 from .forces import add_damping_force, add_secant_damping, passes_inversion
 from .motion import Motion
@@ -52,6 +51,7 @@ class StepProblem(Equation):
     ) -> None:
         super().__init__(motion.body, matrix.tangent, watch)
         self.motion, self.matrix, self._mean, self._secant = motion, matrix, mean, secant
+        self.factorise = matrix.factorise
         self._u0, self.offset, self._force, self._inertia, self._internal, self.full = (np.zeros(motion.states.n) for _ in range(6))
         self._last: tuple[Array, Residual] | None = None  # displacements over the step, and their residual
         self.no_step_limit = self.no_step_limit or passes_inversion(self.system)
@@ -75,7 +75,7 @@ class StepProblem(Equation):
             np.copyto(self._u0, state.u)
             self.matrix.begin(self._u0, c, g)
             self._before, self._last = np.inf, None
-            self._c, self._g, self._d = c, g, d
+            self._g, self._d, self._inertia_factor = g, d, c + self.motion.alpha * g
             self.motion.mass.multiply(m, out=self.offset)
             self.offset -= rest
             if isinstance(d, np.ndarray):
@@ -138,9 +138,6 @@ class StepProblem(Equation):
             sums += self.motion.mass.multiply(np.abs(w)) * self._inertia_factor
             return EPS * self.space.norm(self.space.restrict(sums))
 
-    def factorise(self, w: Array, t: Time, tangent: Tangent = Tangent.EXACT) -> Factors:
-        return self.matrix.factorise(w, t, tangent)
-
     def switch_to_direct(self, w: Array, t: Time) -> bool:
         """Return False: with the mass on its diagonal, K is less ill-conditioned."""
         return False
@@ -169,10 +166,6 @@ class StepProblem(Equation):
 
     def _body_state(self, u: Array) -> Array:
         return self._u0 + u
-
-    @property
-    def _inertia_factor(self) -> float:
-        return self._c + self.motion.alpha * self._g
 
     def _internal_force(self, w: Array, moment: Moment) -> Array:
         """Return the elastic force plus the force of edge damping."""

@@ -60,14 +60,28 @@ class Store(Generic[OfRecord]):
 
     @classmethod
     def write_file(cls, file: Path, problem: Fingerprint, record: OfRecord, space: Space | None = None) -> None:
-        """Replace a file. Arrays by degree of freedom are those of vectors of the `space`."""
-        content = _Content()
-        plain = content.plain(record)
-        header = {"format": cls.known[0], "version": cls.known[1], "record": plain, "problem": vars(problem.signature)}
-        if space is None:
-            write_archive(file, header, content.others | content.vectors)
+        """Replace a file. Arrays by degree of freedom are those of vectors of the `space`.
+
+        In a divided body, each part writes these arrays to a file of its own before. The names of these files are new each time, so
+        that the previous ones remain valid if writing is interrupted.
+        """
+        content, names, comm = _Content(), [], ONE_PROCESS if space is None else space.comm
+        header: dict[str, Any] = {"format": cls.known[0], "version": cls.known[1], "record": content.plain(record)}
+        header["problem"], arrays = vars(problem.signature), content.others
+        if space is not None and comm.divided:
+            stamp = comm.each(secrets.token_hex(4))[0]
+            header["parts"] = names = [f"rank{rank:04d}_{file.stem}_{stamp}.npz" for rank in range(comm.size)]
+            with in_all_parts(comm):
+                part = {NUMBERS: space.numbers, **content.vectors}
+                write_archive(file.with_name(names[comm.rank]), {"format": PART[0], "version": PART[1]}, part)
         else:
-            _write_of_parts(file, header, content, space)
+            arrays |= {name: _in_order(array, space) for name, array in content.vectors.items()}
+
+        def finish() -> None:
+            write_archive(file, header, arrays)
+            _remove_parts(file, names)
+
+        of_leader(comm, finish)
 
     @classmethod
     def read_header(cls, file: Path, remedy: str) -> FileHeader:
@@ -87,7 +101,10 @@ class Store(Generic[OfRecord]):
             header = checked_header(file, plain, remedy)
         vectors = {} if space is None else of_parts(file, header.parts, space, remedy)
         with in_all_parts(comm), refusing_damage(file, remedy):
-            return header.problem, validated(cls.schema, header.record, partial(_found, arrays, vectors, space))
+            record = validated(cls.schema, header.record, partial(_found, arrays, vectors, space))
+            if missing := "; ".join(f"{name}: Field required" for name in _missing(_Content().plain(record), header.record)):
+                raise ValueError(missing)
+            return header.problem, record
 
 
 class FolderStore(Store[OfRecord], OneWriter):
@@ -173,6 +190,17 @@ def validated(schema: type[OfRecord], plain: Any, found: Callable[[str, Stored],
     return cast(OfRecord, _adapter(kind).validate_json(json.dumps(plain), context=found))
 
 
+def _missing(whole: Any, part: Any, name: str = "") -> Iterator[str]:
+    """Yield the names of the fields of a record that the entries of a file lack, because the dataclass has a default."""
+    if isinstance(whole, dict):
+        for key, value in whole.items():
+            inner = f"{name}.{key}".lstrip(".")
+            yield from _missing(value, part[key], inner) if key in part else (inner,)
+    elif isinstance(whole, list):
+        for i, (value, entry) in enumerate(zip(whole, part, strict=True)):
+            yield from _missing(value, entry, f"{name}.{i}")
+
+
 @cache
 def _adapter(schema: Any) -> Any:
     from pydantic import TypeAdapter  # imported only for files
@@ -203,34 +231,10 @@ def check_lengths(record: Any, n: int) -> None:
             raise ValueError(f"the array '{name}' has shape {array.shape}; expected a length of {n}")
 
 
-def _write_of_parts(file: Path, header: Mapping[str, Any], content: _Content, space: Space) -> None:
-    """Replace a file. In a divided body, each part writes its arrays by degree of freedom to a file of its own before.
-
-    The names of these files are new each time, so that the previous ones remain valid if writing is interrupted.
-    """
-    others: dict[str, Array] = content.others
-    names: list[str] = []
-    if space.comm.divided:
-        stamp = space.comm.each(secrets.token_hex(4))[0]
-        names = [f"rank{rank:04d}_{file.stem}_{stamp}.npz" for rank in range(space.comm.size)]
-        with in_all_parts(space.comm):
-            part = {NUMBERS: space.numbers, **content.vectors}
-            write_archive(file.with_name(names[space.comm.rank]), {"format": PART[0], "version": PART[1]}, part)
-        header = {**header, "parts": names}
-    else:
-        others = others | {name: _in_order(array, space) for name, array in content.vectors.items()}
-
-    def finish() -> None:
-        write_archive(file, header, others)
-        _remove_parts(file, names)
-
-    of_leader(space.comm, finish)
-
-
-def _in_order(array: Array, space: Space) -> Array:
+def _in_order(array: Array, space: Space | None) -> Array:
     """Return the array with its last axis in the order of the user's mesh."""
     found = np.empty_like(array)
-    found[..., space.numbers] = array
+    found[..., slice(None) if space is None else space.numbers] = array
     return found
 
 

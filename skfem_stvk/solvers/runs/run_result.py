@@ -55,8 +55,9 @@ class RunResult:
 
     @cached_property
     def state(self) -> State:
-        """All fields of the last state, see `skfem_stvk.results.names()`: `state["green_strain"]` by element,
-        `state.at_nodes("volume_ratio")` by node.
+        """All fields of the last state, see `skfem_stvk.results.names()`.
+
+        `state["green_strain"]` has values by element, `state.at_nodes("volume_ratio")` by node.
         """
         return Fields.of(self.system).at(self.u, self._end[1], self.contacts)
 

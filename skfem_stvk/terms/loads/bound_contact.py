@@ -23,6 +23,8 @@ class BoundContact(BoundTerm):
     ----------
     name
         Name in results and messages.
+    distance
+        Distance below which surfaces repel each other [m]; infinite for contacts without a barrier.
     nodes
         Nodes (m,) on which its resultant acts.
     is_barrier
@@ -36,6 +38,7 @@ class BoundContact(BoundTerm):
     takes_time = has_mean_force = True
     balanced = False
     is_barrier: bool = False
+    distance: float = np.inf
     does_work: bool = False
     has_friction: bool = False
     nodes_joined = np.empty((2, 0), dtype=np.int32)
@@ -53,6 +56,10 @@ class BoundContact(BoundTerm):
     @abstractmethod
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
         """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
+
+    def smallest_gap(self, u: Array) -> float:
+        """Return the smallest gap [m] at `u` (nv, d), negative where a point is in a shape."""
+        return float(self.evaluated(u)[1].min())
 
     @abstractmethod
     def held_directions(self, u: Array) -> tuple[NDArray[np.int64], Array]:

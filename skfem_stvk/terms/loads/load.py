@@ -51,6 +51,10 @@ class StepStart(NamedTuple):
     predicted: Array | None = None
 
 
+#: Masses on which gravity acts.
+MASSES = "consistent", "lumped"
+
+
 class Moment(NamedTuple):
     """The time at which terms are evaluated, the factor of all constants, and the step of the analysis.
 
@@ -77,14 +81,18 @@ class Moment(NamedTuple):
     def checked(cls, t: Time) -> Moment:
         """Return the moment as `of` does, with finite numbers; raise StateError for anything else."""
         if type(t) is float and isfinite(t):
-            return cls(t, t)  # the usual case
+            return cls(t, t)  # the usual case of a user
+        if type(t) is cls and type(t.time) is type(t.factor) is float and isfinite(t.time + t.factor) and t.mass in MASSES:
+            return t  # the usual case of an analysis
         moment, expected = cls.of(t), "a finite load factor (in statics from 0 to 1) or time"
         time, factor = (number("t", one, expected, error=StateError) for one in moment[:2])
-        mass = choice("The masses of a Moment", moment.mass, ("consistent", "lumped"), StateError)
+        mass = choice("The masses of a Moment", moment.mass, MASSES, StateError)
         return moment._replace(time=time, factor=factor, mass=mass)
 
     def assuming(self, contact: Assumption, friction: float = 1.0) -> Moment:
         """Return the moment with this assumption on contacts, and with this factor of friction in the equation of the step."""
+        if contact is self.contact and (self.step is None or friction == self.step.friction):
+            return self
         return self._replace(contact=contact, step=None if self.step is None else self.step._replace(friction=friction))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeVar
 
@@ -511,6 +512,11 @@ class RigidContactWithHistory(BoundRigidContact):
             BoundRigidContact.mean_force(self, u0, u1, (0.5, 0.5), 0.5, force)
             work -= float(force.sum(axis=0) @ moved[: u1.shape[1]])
         return work, lost
+
+
+def rigid(contacts: Iterable[BoundContact]) -> list[BoundRigidContact]:
+    """Return the contacts with a rigid shape into which points go."""
+    return [contact for contact in contacts if isinstance(contact, BoundRigidContact)]
 
 
 def _areas(contact: RigidContact, body: Body, facets: NDArray[np.int32], element: Element) -> Array:
