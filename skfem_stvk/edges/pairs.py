@@ -438,7 +438,7 @@ class AccumulatedBlocks:
         return pairs
 
     def with_term(self: Own, term: Any) -> Own:
-        """Return the same pairs, with another term or load that couples them."""
+        """Return the same pairs and scratch arrays, with another term or load that always couples the same pairs."""
         other = copy(self)
         other.term = term
         return other

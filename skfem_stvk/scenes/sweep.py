@@ -129,7 +129,11 @@ def sweep(
     folder = beside.with_name(f"{beside.name}-sweep") if out is None else checked_path("out", out, "the path of a folder")
     cores, threads_per_run = threads(), max((run.scene.sections.threads or 1 for run in runs), default=1)
     jobs = cores if jobs is None else whole("jobs", jobs, "a number of simultaneous runs, from 1", least=1)
-    _open(folder)
+    if names_with(folder, TABLE, "a sweep"):
+        head = content_of(folder / TABLE, LARGEST_TABLE).decode(errors="replace").partition("\n")[0]
+        if not set(COLUMNS) <= set(head.rstrip().split(",")):
+            raise StvkError(f"--out {folder}: its {TABLE} is not the table of a sweep. Choose another folder.")
+    make(folder)
     with OneWriter(folder):
         start = {run.name: _start(run, folder, force) for run in runs}
         rows = {run.name: _row(run, folder / run.name) for run in runs if start[run.name] is None}
@@ -209,15 +213,6 @@ def value_in_name(value: Any) -> str:
         return str(value).lower() if isinstance(value, bool) else str(value)
     text = f"{value:g}" if float(f"{value:g}") == value else repr(value)
     return re.sub(r"e\+?(-?)0*", r"e\1", text)
-
-
-def _open(folder: Path) -> None:
-    """Make the folder; refuse one that holds anything other than a sweep."""
-    if names_with(folder, TABLE, "a sweep"):
-        head = content_of(folder / TABLE, LARGEST_TABLE).decode(errors="replace").partition("\n")[0]
-        if not set(COLUMNS) <= set(head.rstrip().split(",")):
-            raise StvkError(f"--out {folder}: its {TABLE} is not the table of a sweep. Choose another folder.")
-    make(folder)
 
 
 def _start(run: PlannedRun, folder: Path, force: bool) -> str | None:

@@ -92,12 +92,13 @@ class BoundTerms:
         #: Bound terms of contact, and their numbers among the bound terms.
         self.contacts = [term for term in self.bound_terms if isinstance(term, BoundContact)]
         self.contact_numbers = [i for i, term in enumerate(self.bound_terms) if term in self.contacts]
-        # Indices of terms with a history, and of those that depend on more than displacements: on time, history or an assumption.
         of_foundations = [term.grounded for term in self.foundations]
         tied = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *of_foundations]))
         self.grounded = self.space.union(tied, self.ndofs)
+        # Indices of the terms with a history, and of those that depend on more than displacements: on time, history, an assumption.
         self._with_history = [i for i, term in enumerate(self.bound_terms) if term.has_history]
         self._changing = frozenset(i for i, term in enumerate(self.bound_terms) if term.takes_time)
+        self._last_terms: tuple[Moment, tuple[BoundTerm, ...]] | None = None
         self._with_changing_pairs = [one for one in every if one.pairs_change]
         every_elastic = zip(self._of, self.elastic_terms, self.bound_terms, strict=True)
         self.on_elements = [(number, of, term) for number, of, term in every_elastic if isinstance(term, BoundElements)]
@@ -175,17 +176,27 @@ class BoundTerms:
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[BoundLoad]) -> None:
         """Replace the bound terms and loads of a copy by others that couple the same pairs."""
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
-        self.pair_terms = tuple(pairs.with_term(term) for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True))
+        # terms whose pairs change have blocks of their own: those of two bodies may have the same version, and other pairs
+        self.pair_terms = tuple(
+            term.with_blocks(self.mesh.nv, self.mesh.d, self.dtype) if term.pairs_change else pairs.with_term(term)
+            for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
+        )
         self._sort()
 
     def terms_at(self, t: Time) -> tuple[BoundTerm, ...]:
         """Return the bound terms at the load factor or moment `t`, with the history of its step."""
+        known = self._last_terms  # read once, since other threads write it
+        if known is not None and known[0] is t:
+            return known[1]
         moment = self._moment(t)
         if not self._changing:
             return self.bound_terms
         histories = iter(() if moment.step is None else moment.step.history)
         history = {i: next(histories, None) for i in self._with_history}
-        return tuple(term.at(moment, history.get(i)) if i in self._changing else term for i, term in enumerate(self.bound_terms))
+        terms = tuple(term.at(moment, history.get(i)) if i in self._changing else term for i, term in enumerate(self.bound_terms))
+        if isinstance(t, Moment):  # a step evaluates them several times at one moment
+            self._last_terms = t, terms
+        return terms
 
     def pairs_at(self, t: Time) -> tuple[PairTerm, ...]:
         """Return `terms_at` with their blocks."""

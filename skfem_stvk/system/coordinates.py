@@ -65,7 +65,7 @@ class Coordinates(ABC):
         self.free = FreeCoordinates(np.arange(size), np.arange(size, columns.shape[1]))
         self._known: dict[bytes, tuple[float, Array, Array]] = {}
         self._last_inverted: tuple[Array, NDArray[np.int64]] | None = None
-        self._lock = CopyableLock()
+        self._lock = CopyableLock()  # of the cached responses, and of work arrays, which calls of several threads share
 
     @property
     @abstractmethod

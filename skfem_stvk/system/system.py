@@ -275,8 +275,10 @@ class System(BoundTerms):
 
     def _replace_bound(self, terms: Sequence[Any], loads: Sequence[Any]) -> None:
         super()._replace_bound(terms, loads)
-        followers = zip(self._follower_loads, self._bound_follower_loads(), strict=True)
-        self._follower_loads = [blocks.with_term(load) for blocks, load in followers]
+        self._follower_loads = [
+            AccumulatedBlocks(load, self.mesh.nv, self.mesh.d, np.float64) if load.pairs_change else blocks.with_term(load)
+            for blocks, load in zip(self._follower_loads, self._bound_follower_loads(), strict=True)
+        ]
         self._operator = None
 
     def _bound_follower_loads(self) -> list[BoundLoad]:

@@ -159,7 +159,7 @@ class Term(TermOrLoad, ABC):
 
 
 class PlainSpecification(Term):
-    """Term or load of a user's class that inherits from neither `Term` nor `Load`. Members that it lacks have their defaults."""
+    """Term or load of a user's class that inherits from neither `Term` nor `Load`: its members, and defaults of those it lacks."""
 
     of_methods: ClassVar[dict[str, str]] = {
         "has_mass": "mass",

@@ -169,8 +169,8 @@ def test_work_vectors_are_reused_and_counted(monkeypatch):
         assembly.fill(u, rows, data, False, force, TENSILE)
         assembly.along(u, u)
         assembly.add_round_off(u, force)
-        assembly.pairs.add_product(assembly._filled, u, force)
-        vectors = assembly.elements.own._scratch | {"blocks": assembly._filled}
+        assembly.pairs.add_product(assembly._scratch["blocks"], u, force)
+        vectors = assembly.elements.own._scratch | {"blocks": assembly._scratch["blocks"]}
         kept.append({name: id(vector) for name, vector in vectors.items()})
     assert kept[0] == kept[1] == kept[2] and len(kept[0]) > 4
     memory = assembly.memory()

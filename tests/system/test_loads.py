@@ -93,17 +93,15 @@ def test_a_foundation_constrains_a_body_without_supports():
         System(mesh, [body, ElasticFoundation(left, (1, 0, 1))]).check_held()
 
 
-@pytest.mark.parametrize(
-    "t", [np.nan, np.inf, None, "1", "a", 1j, [0.5], (0.5, 1.0), True, 10**400, Moment(0.5, np.nan), Moment(None, 1.0)]
-)
 @pytest.mark.parametrize("loads", [[], [BodyForce((0, 0, -1.0))]], ids=["no load", "a load"])
 @pytest.mark.parametrize("name", ["external_force", "residual", "potential", "jacobian", "energies"])
-def test_invalid_times_are_refused(name, loads, t):
+def test_invalid_times_are_refused(name, loads):
     system = System(box(), [StVK(young=2.0, poisson=0.3), *loads])
-    with pytest.raises(StateError, match=r"t = .*; expected a finite load factor"):
-        getattr(system, name)(np.zeros(system.ndofs), t)
-    with pytest.raises(StateError, match=r"t = .*; expected a finite load factor"):
-        system.supports.values(t)
+    for t in (np.nan, np.inf, None, "1", "a", 1j, [0.5], (0.5, 1.0), True, 10**400, Moment(0.5, np.nan), Moment(None, 1.0)):
+        with pytest.raises(StateError, match=r"t = .*; expected a finite load factor"):
+            getattr(system, name)(np.zeros(system.ndofs), t)
+        with pytest.raises(StateError, match=r"t = .*; expected a finite load factor"):
+            system.supports.values(t)
 
 
 def test_numbers_of_all_kinds_are_times():

@@ -546,6 +546,16 @@ def test_simulations_of_one_system_in_threads_do_not_affect_each_other():
         assert np.array_equal(found["alone", speed], found["beside", speed])
 
 
+def test_an_analysis_has_pairs_of_its_own_after_tangents_at_other_states():
+    (system, _), (fresh, _) = (pair(fixed={FLOOR: "xyz"}) for _ in range(2))
+    u, _ = deformed(system)
+    near, options = system.tangent(u), {"until": 4e-3, "v0": thrown(system), "quiet": True}
+    runs = [simulate(body, BackwardEuler(dt=1e-3, solver="superlu"), **options).u for body in (system, fresh, system)]
+    assert np.array_equal(runs[0], runs[1]) and np.array_equal(runs[2], runs[1])
+    again = system.tangent(u)
+    assert np.array_equal(again.indices, near.indices) and np.array_equal(again.data, near.data)
+
+
 def test_a_simulation_halves_a_step_with_contact_between_meshes_as_simulate_does():
     system, _ = pair(fixed={FLOOR: "xyz"})
     fast, dt = thrown(system, speed=1.0), 2e-3

@@ -36,7 +36,7 @@ def quick(name):
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize("name", [name for name in contact.NAMES if name not in contact.WHOLE_ONLY])
+@pytest.mark.parametrize("name", contact.NAMES)
 def test_the_quick_study_holds(name, gmsh):
     study = quick(name)
     assert study.passed and len(study.rows) > 1, study.failures

@@ -153,9 +153,9 @@ def test_each_fault_is_judged_by_all_tests(toy, capsys):
     tiers = {name.partition("/")[2]: (one.tier, one.test.partition("::")[2], one.also) for name, one in study.verdicts.items()}
     assert tiers == {
         "constant": (FIRST, "test_tripled", "tests/test_more.py::test_six"),
-        "index": (FIRST, "test_the_last_one", ""),
-        "line": (SLOW, "test_an_empty_list_is_refused", ""),
-        "operator": (FIRST, "test_no_difference", ""),
+        "index": (FIRST, "test_the_last_one", NONE),
+        "line": (SLOW, "test_an_empty_list_is_refused", NONE),
+        "operator": (FIRST, "test_no_difference", NONE),
         "sign": (NONE, "", ""),
         "swap": (NONE, "", ""),
     }

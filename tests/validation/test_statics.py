@@ -6,13 +6,11 @@ import pytest
 from skfem_stvk import StVK
 from validation import statics
 from validation.statics import (
-    cantilever,
     elastica,
     homogeneous,
     kinds,
     manufactured,
     turek_hron,
-    work_precision,
 )
 from validation.statics.closed_states import STATES
 from validation.statics.orders import extrapolated
@@ -120,14 +118,6 @@ def test_slender_cantilevers_are_elasticas():
     assert study.passed, study.failures
 
 
-@pytest.mark.slow
-def test_work_and_precision_is_plotted(tmp_path):
-    pytest.importorskip("pypardiso")
-    study = work_precision.work_precision(quick=True, folder=tmp_path)
-    assert study.passed, study.failures
-    assert study.pictures[0].stat().st_size > 10_000
-
-
 def test_the_command_names_claims_that_do_not_hold(monkeypatch, capsys):
     broken = Study("a study", "1 = 2", ("number",), (("1",),), ("1 is not 2",))
     monkeypatch.setattr(elastica, "elastica", lambda quick: broken)
@@ -143,24 +133,3 @@ def test_the_command_prints_the_requested_studies(capsys):
     assert statics.main(quick=True, only=["homogeneous"]) == 0
     out = capsys.readouterr().out
     assert "Homogeneous" in out and "all 1 claims hold" in out and "Turek" not in out
-
-
-def a_run(name, seconds, tip=(0.0, 0.0, -1.0), ndofs=50_000):
-    return cantilever.Run(name, ndofs, np.array(tip), 20, {"assemble": 0.04 * seconds, "solve": 0.96 * seconds})
-
-
-def test_work_and_precision_are_interpolated_between_meshes():
-    points = [work_precision.Point(n, a_run("edges P1", time), error) for n, time, error in ((2, 1.0, 0.1), (4, 100.0, 0.001))]
-    assert work_precision.seconds_to_reach(0.01, points) == pytest.approx(10.0)
-    assert np.isnan(work_precision.seconds_to_reach(0.0001, points))
-
-
-def test_slower_or_different_linear_elements_are_reported():
-    def points(name, time, tip=-1.0):
-        return [work_precision.Point(2, a_run(name, time, (0, 0, tip)), 0.1)]
-
-    theirs = points("scikit-fem P1", 1.0)
-    slower = {"edges P1": points("edges P1", 1.1, -1.1), "scikit-fem P1": theirs}
-    assert len(list(work_precision._failures(slower, times=True))) == 2
-    assert len(list(work_precision._failures(slower, times=False))) == 1
-    assert not list(work_precision._failures({"edges P1": points("edges P1", 0.9), "scikit-fem P1": theirs}, times=True))

@@ -18,16 +18,13 @@ STUDIES = {
     "balls": "between.balls",
     "ironing": "between.ironing",
     "collision": "pairs.collision",
-    "hard": "hard.hard",
 }
 NAMES = tuple(STUDIES)
-#: Quick runs leave out this study, unless `--only` names it.
-WHOLE_ONLY = ("hard",)
 
 
 def main(quick: bool = False, only: Sequence[str] = ()) -> int:
     """Compare contact with closed forms and balances: pressures, Hertz's ball, friction, impacts and energies."""
-    return run(__name__, STUDIES, only or [name for name in NAMES if not (quick and name in WHOLE_ONLY)], quick)
+    return run(__name__, STUDIES, only or NAMES, quick)
 
 
 __all__ = ["NAMES", "STUDIES", "main"]

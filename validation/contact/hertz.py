@@ -28,8 +28,6 @@ YOUNG, POISSON = 1.0, 0.3  # of a ball of radius 1
 SIZES, ELEMENTS = (0.02, 0.05, 0.1), 4
 #: Penalty stiffness in units of E/h, with the edges h at the contact.
 STIFFNESS = 100.0
-#: Onset in units of h, and stiffness in units of E/h.
-PENALTIES = ((0.0, 10.0), (0.0, 100.0), (0.0, 1000.0), (0.05, 10.0), (0.05, 100.0))
 FORCE_LIMIT, RADIUS_LIMIT = 5e-3, 0.05
 
 

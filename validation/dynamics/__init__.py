@@ -13,13 +13,12 @@ STUDIES = {
     "flight": "flight.flight",
     "vibrations": "vibrations.vibrations",
     "work-precision": "work_precision.work_precision",
-    "speed": "real_time.speed",
 }
 NAMES = tuple(STUDIES)
 
 
 def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """Compare integrators with published motions, eigenfrequencies and references; work-precision, speed."""
+    """Compare integrators with published motions, eigenfrequencies and references; work-precision."""
     return run(__name__, STUDIES, only or NAMES, quick, out)
 
 

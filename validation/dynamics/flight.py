@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from skfem_stvk import Gravity, System
+from skfem_stvk import System
 from skfem_stvk.arguments import Array
 from skfem_stvk.solvers.dynamics import (
     BackwardEuler,
@@ -31,10 +31,9 @@ from skfem_stvk.solvers.dynamics import (
     simulate,
 )
 from skfem_stvk.solvers.dynamics.integrators import ANGULAR_MOMENTUM, ENERGY, LINEAR_MOMENTUM
-from skfem_stvk.solvers.dynamics.integrators.implicit import Implicit
 
 from ..study import Study
-from .scenes import COLOURS, MARKERS, SOFT, block
+from .scenes import COLOURS, MARKERS, block
 
 QUANTITIES = (ENERGY, LINEAR_MOMENTUM, ANGULAR_MOMENTUM)
 DT, UNTIL, QUICK_UNTIL = 1e-3, 2.0, 0.2
@@ -58,19 +57,6 @@ INTEGRATORS: tuple[Integrator, ...] = (
     GeneralizedAlpha(dt=DT, rtol=RTOL),
     EnergyMomentum(dt=DT, rtol=RTOL),
 )
-#: Duration of a fall, in steps of 1/60 s or `DT`. Limits of the strain, relative to the distance fallen: `SOLVES_LEAVE` times
-#: `rtol`, and `FALL_EXACT` with a direct solver.
-FALL, QUICK_FALL, FRAME, CLOSE = 1.0, 0.1, 1 / 60, 1e-8
-SOLVES_LEAVE, FALL_EXACT = 10, 1e-12
-FALLS: tuple[Implicit, ...] = (
-    LinearBackwardEuler(dt=FRAME),
-    LinearBackwardEuler(dt=DT),
-    LinearBackwardEuler(dt=FRAME, rtol=CLOSE),
-    LinearBackwardEuler(dt=DT, rtol=CLOSE),
-    LinearBackwardEuler(dt=FRAME, solver="superlu"),
-    Newmark(dt=FRAME),
-    Newmark(dt=DT),
-)
 
 
 class Flight(NamedTuple):
@@ -88,7 +74,7 @@ class Flight(NamedTuple):
 def flight(quick: bool = False, folder: Path | None = None) -> Sequence[Study]:
     """Measure drifts of a spinning soft body; with energy-momentum, energy and both momenta are conserved to 1e-12."""
     long = _long(QUICK_STEPS if quick else STEPS, QUICK_REAL_STEPS if quick else REAL_STEPS)
-    return _all(quick, folder), long, _falls(QUICK_FALL if quick else FALL)
+    return _all(quick, folder), long
 
 
 def _all(quick: bool, folder: Path | None) -> Study:
@@ -126,36 +112,6 @@ def _long(steps: int, real_steps: int) -> Study:
         tuple(f"{name}: {failure}" for name, _, one, most in flights for failure in _failures(one, most)),
         (f"rtol = {ROUND_OFF:g}; far from the origin, angular momentum about the origin is a small difference of large numbers",),
     )
-
-
-def _falls(until: float) -> Study:
-    """Measure the strain of a body in free fall, which is an error of the linear solves."""
-    body = System(block(3, SIDES).mesh, [SOFT, Gravity((0.0, 0.0, -9.81))])
-    strains = [[fall_strain(body, one, end) for end in (2 * (one.dt or 0), until)] for one in FALLS]
-    rows = [(*_solve(one), *(f"{strain:.1e}" for strain in both)) for one, both in zip(FALLS, strains, strict=True)]
-    limits = [SOLVES_LEAVE * one.rtol if one.solver == "auto" else FALL_EXACT for one in FALLS]
-    return Study(
-        "Free fall",
-        f"strain at most {SOLVES_LEAVE} rtol relative to the distance fallen, {FALL_EXACT:g} with a direct solver",
-        ("integrator", "dt in ms", "solver", "rtol", "after 2 steps", f"after {until:g} s"),
-        tuple(rows),
-        tuple(", ".join(row) for row, both, most in zip(rows, strains, limits, strict=True) if not max(both) <= most),
-        (f"{body.mesh.nt} tetrahedra; largest displacement relative to the centre of mass, over the distance fallen",),
-    )
-
-
-def _solve(one: Implicit) -> tuple[str, str, str, str]:
-    """Return the names of integrator and linear solver, the step in ms and the tolerance."""
-    iterative = one.solver == "auto"
-    name = "conjugate gradients" if iterative else str(one.solver)
-    return one.name, f"{1e3 * (one.dt or 0):.3g}", name, f"{one.rtol:g}" if iterative else ""
-
-
-def fall_strain(body: System, integrator: Integrator, until: float) -> float:
-    """Return the largest displacement relative to the centre of mass after a fall from rest, over the distance fallen."""
-    mass, u = body.mass().vertex, simulate(body, integrator, until=until, quiet=True).u.reshape(-1, 3)
-    mean = mass @ u / mass.sum()
-    return float(np.linalg.norm(u - mean, axis=1).max() / np.linalg.norm(mean))
 
 
 def fly(system: System, integrator: Integrator, until: float, through: Sequence[float] = (0.0, 0.0, 0.0)) -> Flight:

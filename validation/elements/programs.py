@@ -13,7 +13,7 @@ from skfem_stvk import StVK, System, Traction, solve_static
 from skfem_stvk.arguments import Array
 
 from ..statics.linear_solvers import direct, forget
-from ..statics.with_scikit_fem import ELEMENTS, I3, in_equilibrium, internal_force, stress_and_moduli, tangent
+from ..statics.scikit_fem_forms import ELEMENTS, I3, in_equilibrium, internal_force, stress_and_moduli, tangent
 from .families import BOXES, ONE_POINT, P1, P2, Family
 from .trials import MODULUS, Trial
 

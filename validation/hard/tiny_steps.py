@@ -15,8 +15,8 @@ from skfem_stvk import StVK, System
 from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 
 from ..elements.families import of_scikit_fem
-from ..statics.with_scikit_fem import I3, internal_force, stress_and_moduli
-from ..statics.with_scikit_fem import tangent as tangent_form
+from ..statics.scikit_fem_forms import I3, internal_force, stress_and_moduli
+from ..statics.scikit_fem_forms import tangent as tangent_form
 from .case import Array, Body, made
 from .judge import volume_ratios
 

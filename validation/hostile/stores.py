@@ -68,7 +68,7 @@ def _loaded(folder: Path, young: float) -> Any:
 
 STORES = {
     "motion": Store("motion.npz", _motion, partial(_motion, resume=True)),
-    "load steps": Store("state_00002.npz", _path, partial(_path, resume=True)),
+    "load steps": Store("state_00001.npz", _path, partial(_path, resume=True)),
     "response": Store("table.npz", _response, _loaded),
 }
 

@@ -15,7 +15,7 @@ from skfem_stvk.arguments import Array
 from skfem_stvk.mesh import ElementMesh
 
 from ..statics.linear_solvers import direct, forget
-from ..statics.with_scikit_fem import I3, in_equilibrium, internal_force, tangent
+from ..statics.scikit_fem_forms import I3, in_equilibrium, internal_force, tangent
 from .models import LENGTH, MATERIAL, POISSON, YOUNG, Model, bar, system_of
 
 #: Load on the end [Pa], which lowers it by about 3/8 of the length; rotation of the end.

@@ -50,7 +50,10 @@ FIRST, SLOW, NONE, OPEN = "first", "slow", "none", "open"
 
 @dataclass(frozen=True)
 class Verdict:
-    """One row of the table: a mutant, the tier that catches it, its first catching test, and a test of another file, if any."""
+    """One row of the table: a mutant, the tier that catches it, its first catching test, and one of another file, or NONE.
+
+    If no test of another file was looked for, `also` is empty.
+    """
 
     name: str
     file: str
@@ -66,6 +69,11 @@ class Verdict:
     @property
     def identity(self) -> tuple[str, ...]:
         return self.name, self.function, self.before, self.after
+
+    @property
+    def known(self) -> list[str]:
+        """Tests that have caught the mutant, if another file was looked for."""
+        return [test for test in (self.test, self.also) if test != NONE] if self.also else []
 
 
 class Study:
@@ -90,7 +98,7 @@ class Study:
             return
         self.folder.mkdir(parents=True, exist_ok=True)
         copies = [Copy(self.root, self.folder, number) for number in range(self.jobs)]
-        known = {name: [test for test in (self.verdicts[name].test, self.verdicts[name].also) if test] for name in new}
+        known = {name: self.verdicts[name].known for name in new}
         sound = self._passing(copies[0], sorted({test for tests in known.values() for test in tests}))
         self._each(copies, {name: tests for name, tests in known.items() if tests and sound.issuperset(tests)}, again=True)
         new = self._of(new, "")
@@ -172,7 +180,7 @@ class Study:
             self._conclude(name, failed[caught[0]] if caught else NONE, caught)
 
     def _conclude(self, name: str, tier: str, caught: list[str]) -> None:
-        test, also = (*caught, "", "")[:2]
+        test, also = (*caught, NONE)[:2] if caught else ("", "")
         with self._lock:
             self.verdicts[name] = replace(self.verdicts[name], tier=tier, test=test, also=also)
             self.write()
@@ -218,7 +226,7 @@ def report(verdicts: Iterable[Verdict], console: Console) -> bool:
         if one.tier in (SLOW, NONE):
             console.print(f"{one.name}, {one.file}:{one.line} {one.function}, caught by {one.test or 'no test'}", markup=False)
             console.print(f"    {one.before}\n    {one.after}", markup=False)
-    alone = Counter(file_of(one.test) for one in counted if one.test and not one.also)
+    alone = Counter(file_of(one.test) for one in counted if one.also == NONE)
     console.print("files that alone catch mutants:", ", ".join(f"{file} ({n})" for file, n in alone.most_common()), markup=False)
     first, slow = tiers["all"][FIRST], tiers["all"][SLOW]
     share = first / max(first + slow, 1)

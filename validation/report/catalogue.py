@@ -93,7 +93,6 @@ PARTS: dict[str, dict[str, Part]] = {
         "turek-hron": Part(PUBLISHED, "CSM1 and CSM2", VALUE, "Turek and Hron 2006, FeatFlow's page"),
         "manufactured": Part(SOLUTION, "orders 2 and 1", ITSELF, "manufactured solution"),
         "elastica": Part(PUBLISHED, "the elastica", VALUE, "Euler's equation, tables in the literature"),
-        "work-precision": Part(SOLUTION, "finer meshes, other codes", OTHER_CODE, "scikit-fem, FElupe", speed=True),
     },
     "stability": {
         "snap-through": Part(PUBLISHED, "one bar with Green's strain", ANALYTIC, "closed form"),
@@ -107,7 +106,6 @@ PARTS: dict[str, dict[str, Part]] = {
         "flight": Part(CODE, "energy and momenta", ANALYTIC, "conservation laws"),
         "vibrations": Part(SOLUTION, "numerical dispersion", ANALYTIC, "linear theory of each integrator"),
         "work-precision": Part(SOLUTION, "velocity Verlet, extrapolated", ITSELF, "validation/dynamics", speed=True),
-        "speed": Part(CODE, "one force", ITSELF, "validation/dynamics/real_time.py", speed=True),
     },
     "elements": {
         "orders": Part(SOLUTION, "orders of each element", ITSELF, "manufactured solution"),
@@ -143,7 +141,6 @@ PARTS: dict[str, dict[str, Part]] = {
         "balls": Part(PUBLISHED, "Hertz's force and contact radius", ANALYTIC, "Hertz 1881, Tatara 1991"),
         "ironing": Part(SOLUTION, "the mean force", ITSELF, "validation/contact/between.py"),
         "collision": Part(CODE, "energy and momenta", ANALYTIC, "conservation laws"),
-        "hard": Part(CODE, "no intersection, conserved energy", ANALYTIC, "validation/contact/hard.py", whole_only=True),
     },
     "hard": {
         name: Part(CODE, "tiny steps of Newton or Verlet by scikit-fem, closed forms", OTHER_CODE, "validation/hard")

@@ -1,4 +1,4 @@
-"""Static solves: comparison with closed forms and benchmarks, and cost."""
+"""Static solves: comparison with closed forms and benchmarks."""
 
 from __future__ import annotations
 
@@ -12,14 +12,13 @@ STUDIES = {
     "turek-hron": "turek_hron.turek_hron",
     "manufactured": "manufactured.manufactured",
     "elastica": "elastica.elastica",
-    "work-precision": "work_precision.work_precision",
 }
 NAMES = tuple(STUDIES)
 
 
-def main(quick: bool = False, only: Sequence[str] = (), out: str | None = None) -> int:
-    """Compare static solves with closed forms and benchmarks, and measure their speed."""
-    return run(__name__, STUDIES, only or NAMES, quick, out)
+def main(quick: bool = False, only: Sequence[str] = ()) -> int:
+    """Compare static solves with closed forms and benchmarks."""
+    return run(__name__, STUDIES, only or NAMES, quick)
 
 
 __all__ = ["NAMES", "STUDIES", "main"]

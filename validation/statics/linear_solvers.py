@@ -7,9 +7,8 @@ from typing import Any
 
 from scipy.sparse.linalg import spsolve
 
+from skfem_stvk.arguments import Array
 from skfem_stvk.linear.pardiso import pardiso_is_installed
-
-from .cantilever import Array
 
 
 def superlu(K: Any, b: Array) -> Array:

@@ -91,6 +91,8 @@ class Moment(NamedTuple):
 
     def assuming(self, contact: Assumption, friction: float = 1.0) -> Moment:
         """Return the moment with this assumption on contacts, and with this factor of friction in the equation of the step."""
+        if contact is self.contact and (self.step is None or friction == self.step.friction):
+            return self
         return self._replace(contact=contact, step=None if self.step is None else self.step._replace(friction=friction))
 
 

@@ -192,7 +192,7 @@ class CoupledPairs:
     keys
         (n,) numbers `a nv + b` of the pairs `a < b`, ascending.
     version
-        Number of changes.
+        Number of changes, also before a copy: bodies that share a pattern of K tell by it whether the pattern is theirs.
     grow
         Whether pairs remain that are not in contact any more, as in an analysis; otherwise the pairs are those of the last K.
     """
@@ -566,7 +566,8 @@ class BoundMeshContact(BoundContact):
 
     def for_analysis(self: Own, in_time: bool) -> Own:
         """Return the contact with pairs of nodes in K, and results, of its own: several analyses may run at once."""
-        return self._with(_pairs=CoupledPairs(grow=True), _last=LastResults())
+        pairs = CoupledPairs(grow=True, version=self._pairs.version + (len(self._pairs.keys) > 0))
+        return self._with(_pairs=pairs, _last=LastResults())
 
     def first_history(self) -> Array:
         return np.zeros(2)
