@@ -244,8 +244,8 @@ def test_messages_say_what_they_got():
     assert came == []
 
 
-#: A `MeshContact` is the reason why a mesh may be in parts.
-LAWS = {term.__name__ for term in TERMS.values()} - {"MeshContact"}
+#: Names of all laws and loads.
+LAWS = {term.__name__ for term in TERMS.values()}
 
 
 def test_laws_and_loads_are_asked_for_what_they_can_do_and_not_for_their_type():

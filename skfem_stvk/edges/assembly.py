@@ -26,7 +26,7 @@ from .streaming import ElementRows
 from .topology import kernel_order, out_of_lanes, pairs_of
 
 
-class Assembly(BoundElements, PairTerm):
+class Assembly(PairTerm, BoundElements):
     """Energy of a law at the points of elements, and the changes of the elements' volumes.
 
     Volume ratios are below zero for inverted elements, for either numbering of the nodes. For surfaces in space, and for segments

@@ -145,13 +145,13 @@ class BoundStVK(Assembly):
         return float(sum(self.run(element_kernels.forces_between, force, V, StressOfRates())))
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """Return the smallest principal stretch (nt,) of each element at `u` (nv, d), within it, in the user's order."""
+        """Return the smallest principal stretch (nt,) of each element at `u` (nv, d), in the user's order."""
         own = np.empty(len(self.elements.t) * LANES)
         self._smallest_stretch(u, own)
         return self.of_elements(own)
 
     def smallest_stretch(self, u: Array) -> float:
-        """Return the smallest entry of `smallest_stretches(u)`. For linear simplices this costs 1.5 times as much as F."""
+        """Return the smallest entry of `smallest_stretches(u)`. For linear simplices this costs half as much again as F."""
         return self._smallest_stretch(u, np.empty(0)) if self.removed is None else float(self.smallest_stretches(u).min())
 
     @locked

@@ -144,6 +144,10 @@ class BoundTerm(Bound, ABC):
         """
         raise NotImplementedError(f"{type(self).__name__} makes its blocks itself.")
 
+    def with_blocks(self, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
+        """Return the term with the blocks of its stiffness, on a mesh of `nv` vertices in `d` dimensions."""
+        return AccumulatedTerm(self, nv, d, dtype)
+
     def mean_force(self, u0: Array, u1: Array, weights: tuple[float, float], theta: float, force: Array) -> float:
         """Add a force [N] between the states `u0` and `u1` to `force` (nv, d), and return `R >= 0` [J].
 
@@ -176,11 +180,7 @@ class BoundTerm(Bound, ABC):
 
         By default they are those of the blocks of K, which are at least as large as the summands of a smooth force.
         """
-        with_blocks(self, len(u), u.shape[1], out.dtype).add_magnitudes(u, out)
-
-    def step_limit(self, u: Array, v: Array) -> float:
-        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume at `u + s v`, or infinity."""
-        return np.inf
+        self.with_blocks(len(u), u.shape[1], out.dtype).add_magnitudes(u, out)
 
 
 class BoundElements(BoundTerm):
@@ -201,6 +201,10 @@ class BoundElements(BoundTerm):
     def smallest_volume_ratio(self, u: Array) -> float:
         """Return the smallest entry of `volume_ratios(u)`."""
         return float(self.volume_ratios(u).min(initial=np.inf))
+
+    def step_limit(self, u: Array, v: Array) -> float:
+        """Return the smallest `s > 0` at which an element that is not inverted at `u` has no volume at `u + s v`, or infinity."""
+        return np.inf
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
         """Return the smallest principal stretch (n,) at `u` (nv, d) of the region's elements, in their order, within their own
@@ -230,7 +234,7 @@ class AccumulatedTerm(AccumulatedBlocks, PairTerm):
         return 0.0 if force is None else self.term.energy_and_force(u, force), blocks
 
 
-class PlainBound:
+class PlainBound(Bound):
     """Object of a user's class that does not inherit from `Bound`: its own members count, and the defaults of those that it lacks.
 
     `abilities` are the declarations that follow from a method of the object, if it does not make them itself.
@@ -252,7 +256,7 @@ class PlainBound:
         setattr(self.of, name, value)
 
     def without(self, removed: NDArray[np.bool_]) -> Any:
-        return type(self)(self.of.without(removed))
+        return type(self)(self.of.without(removed)) if self.removable else super().without(removed)
 
 
 class PlainTerm(PlainBound, BoundTerm):
@@ -308,12 +312,6 @@ def bound(term: Any) -> BoundTerm:
             "force is a Load."
         )
     return (PlainElements if hasattr(term, "volume_ratios") else PlainTerm)(term)
-
-
-def with_blocks(term: Any, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
-    """Return the term with the blocks of its stiffness, on a mesh of `nv` vertices in `d` dimensions."""
-    known = bound(term)
-    return known if isinstance(known, PairTerm) else AccumulatedTerm(known, nv, d, dtype)
 
 
 def joined(term: BoundTerm) -> NDArray[np.int32]:

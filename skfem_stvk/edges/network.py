@@ -30,7 +30,7 @@ EDGE, PAIR = 0.25, 0.1
 AnyElementNetwork = TypeVar("AnyElementNetwork", bound="ElementNetwork")
 
 
-class Network(BoundTerm, PairTerm):
+class Network(PairTerm, BoundTerm):
     """Energy `W = 1/2 sum A_ij z_i z_j` over edges and pairs of edges, with an elongation `z` of each edge (`kernels.networks`).
 
     Parameters

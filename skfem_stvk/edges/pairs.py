@@ -388,6 +388,10 @@ class PairTerm(ABC):
         self._scratch["blocks"] = filled
         return Linearized(W, self.pairs.fill(rows, filled, add, data))
 
+    def with_blocks(self, nv: int, d: int, dtype: DTypeLike) -> PairTerm:
+        """Return the term itself, as in `BoundTerm`."""
+        return self
+
     def with_term(self, term: Any) -> PairTerm:
         """Return the blocks of another `term` that couples the same pairs."""
         other: PairTerm = term

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ..arguments import Array, number, whole_array
-from ..edges.bound_term import Bound, BoundElements, BoundTerm, bound, joined, with_blocks
+from ..edges.bound_term import Bound, BoundElements, BoundTerm, bound, joined
 from ..edges.elements import Quadrature
 from ..edges.pairs import PairTerm
 from ..errors import ContactError, RegionError, StvkError, warn
@@ -27,7 +27,7 @@ from ..terms.bound_load import bound_load
 from ..terms.connectivity import Connected
 from ..terms.loads.bound_contact import BoundContact
 from ..terms.loads.load import Moment, Time
-from ..terms.term import given, specified
+from ..terms.term import specified
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.
 FLAT = 1e-9
@@ -53,7 +53,7 @@ class BoundTerms:
     ) -> None:
         self.mesh, self.space, self.ndofs = mesh, mesh.space, mesh.p.size
         specifications = [specified(term) for term in terms]
-        self.dtype, self.terms = np.dtype(dtype), tuple(map(given, specifications))
+        self.dtype, self.terms = np.dtype(dtype), tuple(one.given for one in specifications)
         beside = () if connectivity is None else connectivity.beside
         of = (0,) * len(specifications) if connectivity is None else connectivity.of
         self.loads: tuple[Load, ...] = tuple(filter(is_load, specifications))
@@ -76,7 +76,7 @@ class BoundTerms:
             twice = sorted({name for name in names if names.count(name) > 1})
             listed = ", ".join(f"name = {name!r}" for name in twice)
             raise ContactError(f"{listed}: several contacts; expected a name of its own for each, such as name='floor'.")
-        self.pair_terms = tuple(with_blocks(term, mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
+        self.pair_terms = tuple(term.with_blocks(mesh.nv, mesh.d, self.dtype) for term in self.bound_terms)
         self._used = np.zeros(mesh.nv, dtype=bool)
         for term in self.bound_terms:
             self._used[term.nodes_paired.ravel()] = True
@@ -89,12 +89,13 @@ class BoundTerms:
         every: tuple[Bound, ...] = (*self.bound_terms, *self.bound_loads)
         #: Terms that tie the body to the ground, such as foundations.
         self.foundations = [term for term in self.bound_terms if term.grounded is not None]
-        #: Bound terms of contact.
+        #: Bound terms of contact, and their numbers among the bound terms.
         self.contacts = [term for term in self.bound_terms if isinstance(term, BoundContact)]
-        # Indices of terms with a history, and of those that depend on more than displacements: on time, history or an assumption.
+        self.contact_numbers = [i for i, term in enumerate(self.bound_terms) if term in self.contacts]
         of_foundations = [term.grounded for term in self.foundations]
         tied = np.unique(np.concatenate([np.empty(0, dtype=np.int64), *of_foundations]))
         self.grounded = self.space.union(tied, self.ndofs)
+        # Indices of the terms with a history, and of those that depend on more than displacements: on time, history, an assumption.
         self._with_history = [i for i, term in enumerate(self.bound_terms) if term.has_history]
         self._changing = frozenset(i for i, term in enumerate(self.bound_terms) if term.takes_time)
         self._last_terms: tuple[Moment, tuple[BoundTerm, ...]] | None = None
@@ -138,9 +139,9 @@ class BoundTerms:
 
     def _refuse_terms_without_removal(self) -> None:
         """Raise StvkError if a term or load does not support the removal of elements."""
-        unsupported = [type(given(term)).__name__ for term, bound in self._on_mesh if not bound.removable]
+        unsupported = [type(term.given).__name__ for term, bound in self._on_mesh if not bound.removable]
         unsupported += [
-            type(given(load)).__name__
+            type(load.given).__name__
             for load, bound in zip(self.loads, self.bound_loads, strict=True)
             if not bound.removable and bound.pairs_change
         ]
@@ -177,7 +178,7 @@ class BoundTerms:
         self.bound_terms, self.bound_loads = tuple(terms), tuple(loads)
         # terms whose pairs change have blocks of their own: those of two bodies may have the same version, and other pairs
         self.pair_terms = tuple(
-            with_blocks(term, self.mesh.nv, self.mesh.d, self.dtype) if term.pairs_change else pairs.with_term(term)
+            term.with_blocks(self.mesh.nv, self.mesh.d, self.dtype) if term.pairs_change else pairs.with_term(term)
             for pairs, term in zip(self.pair_terms, self.bound_terms, strict=True)
         )
         self._sort()
@@ -260,7 +261,8 @@ class BoundTerms:
 
     def contacts_at(self, t: Time) -> list[BoundContact]:
         """Return the contacts at the load factor or moment `t`, with the history of its step."""
-        return [term for term in self.terms_at(t) if isinstance(term, BoundContact)] if self.contacts else []
+        terms: Sequence[Any] = self.terms_at(t) if self.contacts else ()
+        return [terms[i] for i in self.contact_numbers]
 
     def inside_out(self, u: ArrayLike) -> NDArray[np.int64]:
         """Return the ids of the inverted or flat elements at `u`, ascending: `J <= FLAT`. StateError as in `energy`."""
@@ -323,7 +325,7 @@ def elements_to_remove(body: BoundTerms, elements: Any) -> NDArray[np.int64]:
 
 def _refuse_not_additive(terms: Sequence[Any]) -> None:
     """Raise StvkError for terms of which the forces of the parts of a divided body do not add up to those of the body."""
-    if names := [f"{type(given(term)).__name__} {n}" for n, term in enumerate(terms) if not term.per_element]:
+    if names := [f"{type(term.given).__name__} {n}" for n, term in enumerate(terms) if not term.per_element]:
         raise StvkError(
             f"{', '.join(names)}: not a sum over elements (per_element = False), so the forces of the parts of a divided body "
             "would not add up; expected other terms, such as StVK(...), or one rank."

@@ -27,7 +27,6 @@ from ..terminal import html_table
 from ..terms import (
     BoundLoad,
     Load,
-    MeshContact,
     Term,
     is_load,
 )
@@ -184,7 +183,7 @@ class System(BoundTerms):
         found = connected(mesh if degree is None else _with_degree(mesh, degree), checked_terms(terms))
         mesh, self.made_from = found.mesh, found.source
         rule = checked_quadrature(mesh, quadrature, hourglass)
-        check_mesh(mesh, found.beside, in_parts=any(isinstance(term, MeshContact) for term in found.terms))
+        check_mesh(mesh, found.beside, in_parts=any(not is_load(term) and term.between_parts for term in found.terms))
         if not double:
             refuse_divided(mesh.space.comm, "dtype = float32", "float64", "sums over the parts are in double precision.")
             warn_of_flat_elements(mesh)

@@ -69,17 +69,19 @@ class TermOrLoad:
         Whether it is a load.
     region
         Name of a subdomain, element ids, or None for all elements.
+    per_element
+        Whether it is a sum over elements, facets or own nodes, so that forces of the parts of a divided body add up to those of the
+        body.
     """
 
     external: ClassVar[bool] = False
     region: Any = None
+    per_element: Any = False
 
     @property
-    def per_element(self) -> bool:
-        """Whether it is a sum over elements, facets or own nodes, so that forces of the parts of a divided body add up to those of
-        the body.
-        """
-        return False
+    def given(self) -> Any:
+        """The user's object."""
+        return self
 
 
 class Term(TermOrLoad, ABC):
@@ -98,37 +100,34 @@ class Term(TermOrLoad, ABC):
     is_law
         Whether it is a law of a material on elements, with a `hypothesis` and a `section`. Strain and stress at a point follow from
         the material unless it has a `response` of its own.
+    has_stress
+        Whether stress and energy density of a law are known; a law of forces on nodes has none.
+    has_response
+        Whether a law has a `response` other than St. Venant-Kirchhoff's `S = C : E` of its material.
+    between_parts
+        Whether it acts between parts of a body that share no nodes, so that a mesh may be in parts.
     small_strain
         Whether the stress of a law is that of the small strain.
     wrinkling
         Whether a law gives way to compression by folds.
     has_pressure
         Whether it is an energy of volume ratios, with the members of `VolumePenalty`.
+    without_mass
+        Reason for which its nodes have no mass, for messages; empty without one of its own.
     """
 
     resists_inversion: ClassVar[bool] = False
     has_mass: ClassVar[bool] = False
     is_law: ClassVar[bool] = False
+    between_parts: ClassVar[bool] = False
     small_strain: ClassVar[bool] = False
     has_pressure: ClassVar[bool] = False
     simplices: Any = None
     material: Any = None
+    has_stress: Any = True
+    has_response: Any = False
     wrinkling: bool = False
-
-    @property
-    def without_mass(self) -> str:
-        """Reason for which its nodes have no mass, for messages; empty without one of its own."""
-        return ""
-
-    @property
-    def has_stress(self) -> bool:
-        """Whether stress and energy density are known; a law of forces on nodes has none."""
-        return self.is_law
-
-    @property
-    def has_response(self) -> bool:
-        """Whether a law has a `response` other than St. Venant-Kirchhoff's `S = C : E` of its material."""
-        return False
+    without_mass: Any = ""
 
     @abstractmethod
     def bind(self, body: Any, dtype: DTypeLike) -> BoundTerm:
@@ -160,26 +159,23 @@ class Term(TermOrLoad, ABC):
 
 
 class PlainSpecification(Term):
-    """Term or load of a user's class that inherits from neither `Term` nor `Load`. Members that it lacks have their defaults."""
+    """Term or load of a user's class that inherits from neither `Term` nor `Load`: its members, and defaults of those it lacks."""
+
+    of_methods: ClassVar[dict[str, str]] = {
+        "has_mass": "mass",
+        "is_law": "hypothesis",
+        "has_response": "response",
+        "has_pressure": "density_and_slope",
+    }
 
     def __init__(self, of: Any) -> None:
-        self.of = of
-        declared = {name for kind in (TermOrLoad, Term) for name, one in vars(kind).items() if not isinstance(one, property)}
-        vars(self).update({name: getattr(of, name) for name in declared - {"bind"} if name[0] != "_" and hasattr(of, name)})
-        of_methods = {"has_mass": "mass", "is_law": "hypothesis", "has_pressure": "density_and_slope"}
-        vars(self).update({name: hasattr(of, method) for name, method in of_methods.items()})
+        declared = [name for name in (*vars(TermOrLoad), *vars(Term)) if name[0] != "_" and name not in ("bind", "given")]
+        vars(self).update(of=of, **{name: hasattr(of, method) for name, method in self.of_methods.items()})
+        vars(self).update({name: getattr(of, name) for name in declared if hasattr(of, name)})
 
     @property
-    def per_element(self) -> bool:
-        return bool(getattr(self.of, "per_element", False))
-
-    @property
-    def has_stress(self) -> bool:
-        return self.is_law and bool(getattr(self.of, "has_stress", True))
-
-    @property
-    def has_response(self) -> bool:
-        return getattr(self.of, "response", None) is not None
+    def given(self) -> Any:
+        return self.of
 
     def bind(self, body: Any, *dtype: DTypeLike) -> BoundTerm:
         return cast(BoundTerm, self.of.bind(body, *dtype))
@@ -198,8 +194,3 @@ def specified(term: Any) -> Any:
         name = term.__name__ if isinstance(term, type) else type(term).__name__
         raise StvkError(f"Got a term of type {name}; expected StVK(...) or a list of terms.")
     return PlainSpecification(term)
-
-
-def given(term: Any) -> Any:
-    """Return the user's object that a specification stands for."""
-    return term.of if isinstance(term, PlainSpecification) else term

@@ -8,7 +8,7 @@ from bodies import BODIES, MESHES, state
 
 from skfem_stvk import ElasticFoundation, RigidContact, RigidPlane, StateError, StVK, System
 from skfem_stvk.edges import ALL, NONE, TENSILE
-from skfem_stvk.edges.bound_term import with_blocks
+from skfem_stvk.edges.bound_term import bound
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.system import FreeOperator, TangentOperator
@@ -323,7 +323,7 @@ def test_terms_that_are_not_assemblies_have_operators():
     mesh = SOLID.mesh
     u, v, c = state(mesh), state(mesh, seed=9), np.arange(mesh.nv) % 5.0
     operator = TangentOperator(
-        mesh, at_all_times([TERM.bind(mesh), with_blocks(Anchors(c), mesh.nv, 3, np.float64)]), u, np.float64
+        mesh, at_all_times([TERM.bind(mesh), bound(Anchors(c)).with_blocks(mesh.nv, 3, np.float64)]), u, np.float64
     )
     operator.prepare(u)
     wanted = SOLID.tangent(u) @ v + np.repeat(c, 3) * v

@@ -29,7 +29,7 @@ from skfem_stvk import (
     VolumePenalty,
 )
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions, bound_term
-from skfem_stvk.edges.bound_term import BoundElements, with_blocks
+from skfem_stvk.edges.bound_term import BoundElements
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import TERMS, Body, is_load
 from skfem_stvk.terms.laws.volume_penalty import ENERGIES
@@ -228,7 +228,7 @@ def bound(case, dtype=np.float64, mesh=None):
 
 
 def with_its_blocks(case, term, dtype=np.float64):
-    return with_blocks(term, case.mesh.nv, case.mesh.d, dtype)
+    return bound_term.bound(term).with_blocks(case.mesh.nv, case.mesh.d, dtype)
 
 
 def states(case):

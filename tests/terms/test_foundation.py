@@ -7,7 +7,6 @@ from forces import integral
 
 from skfem_stvk import ElementMesh, RegionError, StVK
 from skfem_stvk.edges import TENSILE
-from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.errors import LoadError
 from skfem_stvk.mesh.points import sizes_of
 from skfem_stvk.system.pattern import Pattern
@@ -32,7 +31,7 @@ def dense(term, mesh, u, add=False, others=()):
     pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired, *others])
     K = pattern.matrix(np.full(pattern.nnz, 0.0 if add else np.nan))
     force = np.zeros(u.shape)
-    paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
+    paired = term.with_blocks(mesh.nv, mesh.d, np.float64)
     linearized = paired.fill(u, paired.rows(pattern), K.data, add, force)
     return np.nan_to_num(K.toarray()), force, linearized
 
@@ -73,7 +72,7 @@ def test_products_diagonals_lines_and_round_off_agree_with_the_matrix(case):
     term = bound(mesh, part)
     u, v = (state(mesh, seed=seed).reshape(-1, mesh.d) for seed in (1, 2))
     K = dense(term, mesh, u)[0]
-    paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
+    paired = term.with_blocks(mesh.nv, mesh.d, np.float64)
     energy, blocks = paired.blocks(u, np.zeros(u.shape), kept=TENSILE)
     out, diagonal, size = np.zeros(u.shape), np.zeros((mesh.nv, mesh.d, mesh.d)), np.zeros(u.shape)
     paired.pairs.add_product(blocks, v, out)
@@ -96,7 +95,7 @@ def test_fill_adds_to_earlier_values_on_a_larger_pattern(name):
     others = [StVK(young=1.0, poisson=0.3).bind(mesh).nodes_paired]
     pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired, *others])
     data = np.ones(pattern.nnz)
-    paired = with_blocks(term, mesh.nv, mesh.d, np.float64)
+    paired = term.with_blocks(mesh.nv, mesh.d, np.float64)
     paired.fill(u, paired.rows(pattern), data, add=True)
     assert pattern.matrix(data - 1).toarray() == pytest.approx(dense(term, mesh, u)[0], abs=1e-14)
 
@@ -112,7 +111,7 @@ def test_single_precision_gives_single_precision():
     term, u = bound(mesh, dtype=np.float32), state(mesh).reshape(-1, 3)
     force, out = np.zeros((2, mesh.nv, 3), dtype=np.float32)
     term.energy_and_force(u, force)
-    paired = with_blocks(term, mesh.nv, mesh.d, np.float32)
+    paired = term.with_blocks(mesh.nv, mesh.d, np.float32)
     blocks = paired.blocks(u)[1]
     paired.pairs.add_product(blocks, u.astype(np.float32), out)
     exact = np.zeros(u.shape)

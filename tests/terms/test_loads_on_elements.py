@@ -11,7 +11,7 @@ from forces import force, moment, stiffness
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
-from skfem_stvk.edges.bound_term import with_blocks
+from skfem_stvk.edges.bound_term import bound
 from skfem_stvk.mesh.points import sizes_at_points, sizes_of
 from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.system.pattern import Pattern
@@ -207,7 +207,7 @@ def test_a_foundation_has_the_energy_of_quadrature_and_its_derivatives(name):
     F, sizes = np.zeros_like(u), np.zeros_like(u)
     term.energy_and_force(u, F)
     pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired])
-    paired, K = with_blocks(term, mesh.nv, mesh.d, np.float64), pattern.matrix(np.zeros(pattern.nnz))
+    paired, K = bound(term).with_blocks(mesh.nv, mesh.d, np.float64), pattern.matrix(np.zeros(pattern.nnz))
     paired.fill(u, paired.pairs.rows(pattern), K.data, add=True)
     assert np.vdot(F, v) == pytest.approx((W[1] - W[-1]) / 2, abs=1e-13 * W[0])
     assert v.ravel() @ K @ v.ravel() == pytest.approx(W[1] - 2 * W[0] + W[-1], rel=1e-11)

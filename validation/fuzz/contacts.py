@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from skfem_stvk import Friction, MeshContact, RigidBox, RigidContact, RigidCylinder, RigidPlane, RigidSphere, System
 from skfem_stvk.arguments import Array
-from skfem_stvk.edges.bound_term import with_blocks
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.system.system import for_analysis
@@ -197,7 +196,7 @@ def _check_slopes(term: Any, x: Array, w: Array, edge: float, noise: Array) -> N
     if hasattr(term, "look"):
         term.look(x)
     F, Kw = force_of(term, x), np.zeros_like(x)
-    paired = with_blocks(term, len(x), x.shape[1], np.float64)
+    paired = term.with_blocks(len(x), x.shape[1], np.float64)
     paired.pairs.add_product(paired.blocks(x)[1], w, Kw)
     errors = []
     for step in edge * np.array(STEPS):

@@ -54,7 +54,7 @@ class Motion:
         self.begin_step(self.body.first_history())
 
     def begin_step(self, history: tuple[Array, ...], predicted: Array | None = None) -> None:
-        """Begin a step with this history of the terms. With displacements `predicted` (nv, d), friction is linear there."""
+        """Begin a step with this history of the terms. Friction is linear at displacements `predicted` (nv, d), if given."""
         self.step = StepStart(history, in_time=True, predicted=predicted) if history else None
 
     @property

@@ -11,7 +11,7 @@ from scipy.linalg.blas import dsyrk
 
 from ...arguments import Array
 from ...edges import ALL
-from ...edges.bound_term import BoundTerm, with_blocks
+from ...edges.bound_term import BoundTerm
 from ...kernels import reduced as reduced_kernels
 from ...mesh import ElementMesh
 from ...mesh.displacements import by_vertex
@@ -93,7 +93,7 @@ def quartic_of(
         if not term.has_strain_products and not term.constant_tangent:
             _add_by_tangents(T, term, fields, body)
     if terms:
-        pair_terms = [with_blocks(term, body.mesh.nv, body.mesh.d, body.dtype) for term in terms]
+        pair_terms = [term.with_blocks(body.mesh.nv, body.mesh.d, body.dtype) for term in terms]
         operator = TangentOperator(body.mesh, at_all_times(pair_terms), np.zeros(body.ndofs), body.dtype)
         K = fields.T @ np.array([operator @ field for field in np.ascontiguousarray(fields.T)]).T
         _set_quadratic(T, n, (K + K.T) / 2)
@@ -148,7 +148,7 @@ class ProjectedTerms:
 
     def __init__(self, mesh: ElementMesh, terms: Sequence[BoundTerm], fields: Array) -> None:
         self._mesh, self._fields = mesh, fields
-        self._terms = [with_blocks(term, mesh.nv, mesh.d, np.float64) for term in terms]
+        self._terms = [term.with_blocks(mesh.nv, mesh.d, np.float64) for term in terms]
         self._pattern = Pattern(mesh.nv, mesh.d, [term.nodes_paired for term in terms])
         self._rows = [term.rows(self._pattern) for term in self._terms]
         self._K = self._pattern.matrix(np.zeros(self._pattern.nnz))

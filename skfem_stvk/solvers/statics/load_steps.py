@@ -108,7 +108,7 @@ class LoadSteps(Continuation):
         must lead to such a state.
         """
         problem, mesh = self.problem, self.problem.system.mesh
-        distance = min((getattr(contact, "distance", np.inf) for contact in problem.system.contacts), default=np.inf)
+        distance = min((contact.distance for contact in problem.system.contacts), default=np.inf)
         if np.isinf(distance) or stability_of(problem, u, t).stable:
             return None
         mode, states = lowest_mode(problem, u, t).vector, []

@@ -287,7 +287,7 @@ class BoundVolumePenalty(Assembly):
 
     @locked
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add the absolute values of the force's summands at `u` (nv, d) to `out` (nv, d) [N]: times eps, its rounding error."""
+        """Add the absolute values of all summands of the force [N] at `u` to `out`, both (nv, d): times eps, its rounding error."""
         self.elements.gather(u)
         self.run(penalty_kernels.penalty_round_off, out, *self._arguments)
 

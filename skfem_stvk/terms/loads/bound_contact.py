@@ -23,6 +23,8 @@ class BoundContact(BoundTerm):
     ----------
     name
         Name in results and messages.
+    distance
+        Distance below which surfaces repel each other [m]; infinite for contacts without a barrier.
     nodes
         Nodes (m,) on which its resultant acts.
     is_barrier
@@ -36,6 +38,7 @@ class BoundContact(BoundTerm):
     takes_time = has_mean_force = True
     balanced = False
     is_barrier: bool = False
+    distance: float = np.inf
     does_work: bool = False
     has_friction: bool = False
     nodes_joined = np.empty((2, 0), dtype=np.int32)

@@ -91,6 +91,7 @@ class MeshContact(Specification, Term):
 
     error: ClassVar[type[StvkError]] = ContactError
     on_elements: ClassVar[bool] = True
+    between_parts: ClassVar[bool] = True
 
     first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
     second: Annotated[

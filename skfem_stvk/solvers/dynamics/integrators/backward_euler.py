@@ -16,7 +16,6 @@ from ....mesh.displacements import by_vertex
 from ....system import System, TangentOperator
 from ....system.coordinates import Coordinates
 from ....system.operator import at_all_times
-from ....terms.loads.bound_contact import BoundContact
 from ....terms.loads.load import Moment
 from ...newton.newton import usable
 from ...newton.problem import Tangent
@@ -230,12 +229,11 @@ class LinearStepper(ImplicitStepper):
         """Store `F + K w` of each contact, with the K of the step."""
         super().store_forces(before, state)
         system, w, moment = self.motion.system, state.u - before.u, self.motion.moment(state.t)
-        bound = zip(system.terms_at(moment), system.pairs_at(moment), strict=True)
-        contacts = [(term, pairs) for term, pairs in bound if isinstance(term, BoundContact)]
-        for (contact, pairs), force in zip(contacts, state.forces, strict=False):
+        contacts, every = system.contacts_at(moment), system.pairs_at(moment)
+        for contact, i, force in zip(contacts, system.contact_numbers, state.forces, strict=False):
             force[:] = 0
             contact.energy_and_force(by_vertex(system.mesh, before.u), force.reshape(-1, system.mesh.d))
-            K = TangentOperator(system.mesh, at_all_times([pairs]), before.u, system.dtype, self._retained)
+            K = TangentOperator(system.mesh, at_all_times([every[i]]), before.u, system.dtype, self._retained)
             if self.integrator.tangent == StepTangent.DIAGONAL.value:
                 force += np.einsum("nij,nj->ni", K.diagonal_blocks(), w.reshape(-1, system.mesh.d)).ravel()
             else:
