@@ -442,7 +442,6 @@ class System(BoundTerms):
     def external_force(self, u: ArrayLike, t: Time = 1.0) -> Array:
         """Return the sum of the loads (ndofs,) [N] at displacements `u` and load factor `t`.
 
-
         Raises
         ------
         LoadError

@@ -574,10 +574,8 @@ class BoundMeshContact(BoundContact):
 
     def advanced(self, history: Array, u: Array, moment: Moment) -> Array:
         """Return the history of a step from `u` (nv, d). If too many pairs are not in contact any more, K leaves them out."""
-        keys, pairs = (
-            self._sorted_blocks(self._barrier.stiffness(self._collisions(self._moved(u)), clamped=False)).keys,
-            self._pairs,
-        )
+        touching, pairs = self._collisions(self._moved(u)), self._pairs
+        keys = self._sorted_blocks(self._barrier.stiffness(touching, clamped=False)).keys
         if len(keys) < (1 - UNUSED) * len(pairs.keys):
             pairs.use(keys)
         return np.concatenate([[moment.time, len(pairs.keys)], pairs.keys])
