@@ -218,7 +218,7 @@ def column(mesh, young, force=10.0):
 @pytest.mark.parametrize("force", [5.0, 10.0])
 def test_a_state_beyond_its_buckling_load_is_unstable_in_all_parts(force, how, separate_threads, monkeypatch):
     """The quotient of a direction of negative curvature proves it, without a factorisation."""
-    monkeypatch.setattr(System, "check_held", lambda self, u=None: None)
+    monkeypatch.setattr(System, "check_held", lambda self, u=None, t=0.0: None)
 
     def solve(system, dofs):
         result = solve_static(system, steps=1, solver="block-jacobi-cg", quiet=True, raise_on_failure=False)
