@@ -71,7 +71,7 @@ INTEGRATORS = [VelocityVerlet(dt=0.02), BackwardEuler(dt=0.05, rtol=1e-11), Newm
 
 @divided
 def test_reactions_are_those_of_the_whole_body_in_each_part(how, separate_threads, monkeypatch):
-    monkeypatch.setattr(System, "check_held", lambda self, u=None: None)
+    monkeypatch.setattr(System, "check_held", lambda self, u=None, t=0.0: None)
 
     def work(system, dofs):
         reaction = solve_static(system, steps=1, solver="block-jacobi-cg", rtol=1e-12, quiet=True).reaction()
@@ -95,7 +95,7 @@ def on_planes(mesh, young):
 
 @divided
 def test_shares_of_supports_are_those_of_the_whole_body_in_each_part(how, separate_threads, monkeypatch):
-    monkeypatch.setattr(System, "check_held", lambda self, u=None: None)
+    monkeypatch.setattr(System, "check_held", lambda self, u=None, t=0.0: None)
     places = {**PLANES, "skin": "skin", "all": None}
 
     def work(system, dofs):
@@ -118,7 +118,7 @@ def test_shares_of_supports_are_those_of_the_whole_body_in_each_part(how, separa
 @divided
 def test_probes_and_reactions_of_a_ledger_are_those_of_the_whole_body(how, integrator, separate_threads, monkeypatch):
     """One part has no free degree of freedom, others have no support."""
-    monkeypatch.setattr(System, "check_held", lambda self, u=None: None)
+    monkeypatch.setattr(System, "check_held", lambda self, u=None, t=0.0: None)
     body = beam(how)
     tip = np.flatnonzero(body.mesh.p[0] > 5.4)
 
@@ -160,7 +160,7 @@ def moving(mesh, young):
 )
 @divided
 def test_supports_that_move_in_one_part_move_the_whole_body(how, integrator, separate_threads, monkeypatch):
-    monkeypatch.setattr(System, "check_held", lambda self, u=None: None)
+    monkeypatch.setattr(System, "check_held", lambda self, u=None, t=0.0: None)
 
     def work(system, dofs):
         if integrator is None:
@@ -276,7 +276,7 @@ def test_a_body_of_one_term_moves_as_the_whole_body(name, how, separate_threads)
 
 def test_nothing_acts_on_the_body_is_decided_by_all_parts(separate_threads, monkeypatch):
     """A part without a load, a support or a velocity is no error; a body without any is one in all parts."""
-    monkeypatch.setattr(System, "check_held", lambda self, u=None: None)
+    monkeypatch.setattr(System, "check_held", lambda self, u=None, t=0.0: None)
     body = beam("strips")
 
     def make(mesh, young):
