@@ -1,4 +1,4 @@
-"""What laws on elements can do in addition to W, F and K: a class for each kind of energy."""
+"""Abilities of laws on elements in addition to W, F and K: a class for each kind of energy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a term of a body can do: every ability with a default that works, for ordinary subclasses to override."""
+"""Abilities of terms on a body, each with a default that works, for ordinary subclasses to override."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ AnyTerm = TypeVar("AnyTerm", bound="BoundTerm")
 
 
 class Bound:
-    """What terms and loads on a body have in common: the nodes that their stiffness couples, and removal.
+    """Members that terms and loads on a body have in common: the nodes that their stiffness couples, and removal.
 
     The defaults are those of a term that couples no nodes and cannot lose elements.
 
@@ -207,8 +207,9 @@ class BoundElements(BoundTerm):
         return np.inf
 
     def smallest_stretches(self, u: Array) -> NDArray[np.float64]:
-        """Return the smallest principal stretch (n,) at `u` (nv, d) of the region's elements, in their order, within their own
-        dimensions; infinite for a law that does not soften under compression.
+        """Return the smallest principal stretch (n,) at `u` (nv, d) of the region's elements, in their order, within them.
+
+        It is infinite for a law that does not soften under compression.
         """
         return np.full(len(self.volume_ratios(u)), np.inf)
 

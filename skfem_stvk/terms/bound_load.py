@@ -1,4 +1,4 @@
-"""What a load is before there is a body, and what it can do on one."""
+"""Loads before there is a body, and their abilities on one."""
 
 from __future__ import annotations
 

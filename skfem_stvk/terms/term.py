@@ -1,4 +1,4 @@
-"""What a term is before there is a body: its region, its material, and the mass and stiffness of its elements."""
+"""Terms before there is a body: their region, its material, and the mass and stiffness of its elements."""
 
 from __future__ import annotations
 

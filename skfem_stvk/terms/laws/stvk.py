@@ -137,6 +137,11 @@ class StVK(ElasticLaw):
         """Return the response with wrinkling: the stress of the relaxed energy, and the strain that it causes in all directions.
 
         Within the element this is the natural strain, without the width that folds take.
+
+        Parameters
+        ----------
+        at
+            Deformation of the elements of the region.
         """
         assert isinstance(self.material, Isotropic)
         n = len(at.gradient)
