@@ -59,7 +59,7 @@ def linear(times, values):
 def state_of(sim):
     rows = () if sim.ledger is None else sim.ledger.rows().ravel()
     return np.concatenate(
-        [[sim.t, sim.steps], sim.u, sim.v, sim.contact("ball").resultant, sim.system.bound_terms[1].history, rows]
+        [[sim.t, sim.steps], sim.u, sim.v, sim.contact("ball").resultant, *sim.copy_state().snapshot.history, rows]
     )
 
 
