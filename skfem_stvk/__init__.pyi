@@ -34,7 +34,7 @@ from .referee.vectors import published_vectors as published_vectors
 from .referee.verification import verify as verify
 from .results import compare_networks as compare_networks
 from .results import write_mesh as write_mesh
-from .scenes import Scene as Scene
+from .scenes.scene import Scene as Scene
 from .solvers.dynamics import BackwardEuler as BackwardEuler
 from .solvers.dynamics import EdgeDamping as EdgeDamping
 from .solvers.dynamics import EnergyMomentum as EnergyMomentum

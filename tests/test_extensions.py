@@ -40,8 +40,8 @@ from skfem_stvk.errors import SceneError
 from skfem_stvk.mesh import box as box_mesh
 from skfem_stvk.referee.peers import PEERS, available, load
 from skfem_stvk.referee.peers.peer import Package as Peer
-from skfem_stvk.scenes import Scene
 from skfem_stvk.scenes.commands.main import COMMANDS, Command, main
+from skfem_stvk.scenes.scene import Scene
 from skfem_stvk.scenes.templates import json_schema, page
 from skfem_stvk.testing import Inconsistent, assert_consistent
 from validation import hard

@@ -31,7 +31,7 @@ from skfem_stvk.mesh.rules import KINDS as RULES
 from skfem_stvk.mesh.rules import rule_of
 from skfem_stvk.referee.reference import KINDS, ReferenceStVK, isotropic_tensor
 from skfem_stvk.results.vtu import write_mesh
-from skfem_stvk.scenes import Scene
+from skfem_stvk.scenes.scene import Scene
 
 RUBBER = StVK(young=5e6, poisson=0.3, density=1e3)
 

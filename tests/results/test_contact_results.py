@@ -347,7 +347,7 @@ def test_contacts_that_end_are_counted(touches, text):
     """Contacts from the start, and those that have not ended, may be longer."""
     body = System(CUBE, [LAW, RigidContact(SHAPES["plane"], name="floor")])
     rows = [[t, -1e-5 if touch == "#" else 0.01] for t, touch in enumerate(touches)]
-    findings = list(contact_findings(body, Ledger(["time", "contact floor gap"], rows), np.zeros(body.ndofs)))
+    findings = list(contact_findings(body, Ledger(["time", "contact floor gap"], rows), np.zeros(body.ndofs), 0.0))
     assert [text in finding.text for finding in findings] == ([True] if text else [])
 
 

@@ -8,8 +8,8 @@ import pytest
 
 from skfem_stvk.errors import SceneError, name_known
 from skfem_stvk.kernels.threads import threads
-from skfem_stvk.scenes import Scene
 from skfem_stvk.scenes.commands.main import main
+from skfem_stvk.scenes.scene import Scene
 from skfem_stvk.scenes.source import SceneSource
 from skfem_stvk.terms import TERMS
 

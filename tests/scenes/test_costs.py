@@ -7,7 +7,7 @@ import sys
 import pytest
 from slow import slow
 
-from skfem_stvk.scenes import Scene
+from skfem_stvk.scenes.scene import Scene
 
 BODY = {
     "mesh": {"type": "box", "size": [4.0, 1.0, 1.0], "cells": [20, 3, 3]},
@@ -42,7 +42,7 @@ def test_packages_are_imported_only_when_they_are_needed(solver):
     pulled = BODY | {"prescribed": {"right": {"x": 0.1}}, "solver": {"name": solver}}
     program = f"""if True:
         import json, sys, tempfile
-        from skfem_stvk.scenes import Scene
+        from skfem_stvk.scenes.scene import Scene
         scene, known = Scene.of_data(json.loads({json.dumps(json.dumps(pulled))})), []
         scene.built; known.append(sorted(sys.modules))
         scene.solve(quiet=True); known.append(sorted(sys.modules))

@@ -29,8 +29,8 @@ from skfem_stvk.arguments import Quantity
 from skfem_stvk.edges.materials import Anisotropic, Isotropic, Orthotropic, TransverselyIsotropic
 from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import box
-from skfem_stvk.scenes import Scene
 from skfem_stvk.scenes.build import Names
+from skfem_stvk.scenes.scene import Scene
 from skfem_stvk.scenes.schema import scene_tables
 from skfem_stvk.scenes.schema.derived import PARTS, derived
 from skfem_stvk.scenes.schema.quantities import bare, input_files, is_input_file, members

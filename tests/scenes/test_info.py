@@ -8,9 +8,10 @@ import skfem
 from rich.console import Console
 
 from skfem_stvk import ElementMesh, StVK, System, critical_step, modes
-from skfem_stvk.scenes import Scene, info
+from skfem_stvk.scenes import info
 from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.scenes.info import inspect_mesh, inspect_scene
+from skfem_stvk.scenes.scene import Scene
 
 STEEL = {"young": 210e9, "poisson": 0.3, "density": 7850.0}
 

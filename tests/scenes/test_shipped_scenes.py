@@ -12,8 +12,8 @@ import skfem
 from skfem_stvk import EnergyMomentum, Friction, Gravity, RigidContact, RigidPlane, StVK, System, simulate, solve_static
 from skfem_stvk.errors import StvkWarning
 from skfem_stvk.mesh import box
-from skfem_stvk.scenes import Scene
 from skfem_stvk.scenes.info import inspect_scene
+from skfem_stvk.scenes.scene import Scene
 
 FOLDER = Path(__file__).parents[2] / "docs" / "scenes"
 SCENES = sorted(path.name for path in FOLDER.glob("*.toml"))

@@ -31,9 +31,9 @@ from skfem_stvk.errors import AnalysisError
 from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.results.complete_files import OneWriter
 from skfem_stvk.results.vtu import read_vtu, write_mesh
-from skfem_stvk.scenes import Scene
 from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.scenes.folder import Folder
+from skfem_stvk.scenes.scene import Scene
 from skfem_stvk.scenes.sweep import _solve, _start, planned
 
 BEAM = """
@@ -674,7 +674,7 @@ def test_an_unexpected_error_is_not_reported_as_bad_input(tmp_path, monkeypatch,
     def fault(*given):
         raise KeyError("a fault")
 
-    monkeypatch.setattr(System, "commit", fault)
+    monkeypatch.setattr(System, "advanced", fault)
     path = scene(tmp_path, parts)
     with pytest.raises(AnalysisError, match="a fault"):
         main(["solve", str(path), "--quiet"])

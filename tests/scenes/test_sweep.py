@@ -14,9 +14,9 @@ from matplotlib.figure import Figure
 
 from skfem_stvk import SceneError, StvkError
 from skfem_stvk.results import matplotlib_plot
-from skfem_stvk.scenes import Scene, sweep
 from skfem_stvk.scenes.commands.main import main
-from skfem_stvk.scenes.sweep import SweepRow, _plot, planned
+from skfem_stvk.scenes.scene import Scene
+from skfem_stvk.scenes.sweep import SweepRow, _plot, planned, sweep
 
 BEAM = """
 [mesh]

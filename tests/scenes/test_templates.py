@@ -5,8 +5,9 @@ import json
 import pytest
 from pydantic_core import PydanticUndefined
 
-from skfem_stvk.scenes import Scene, templates
+from skfem_stvk.scenes import templates
 from skfem_stvk.scenes.commands.main import main
+from skfem_stvk.scenes.scene import Scene
 
 
 @pytest.mark.parametrize("kind", templates.EXAMPLES)

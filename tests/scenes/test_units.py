@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from skfem_stvk import StvkError
-from skfem_stvk.scenes import Scene
+from skfem_stvk.scenes.scene import Scene
 from skfem_stvk.scenes.schema import scene_tables
 from skfem_stvk.units import DIMENSIONS, UNITS, implausible_moduli
 

@@ -295,7 +295,7 @@ def test_nothing_acts_on_the_body_is_decided_by_all_parts(separate_threads, monk
     for _, (_, *own) in found:
         assert own[0] == nothing and own[1] == static and own[2] == count
     assert nothing[0] is static[0] is LoadError
-    free = Division.only_parts(body, lambda s, dofs: caught(s.parts and (lambda: run_reaction(s))), free_body)
+    free = Division.only_parts(body, lambda s, dofs: caught(lambda: run_reaction(s)), free_body)
     assert {own[0] for _, own in free} == {SupportError}
 
 

@@ -152,10 +152,12 @@ def test_each_part_needs_its_own_supports():
 def test_a_body_without_supports_is_refused_unless_it_has_a_foundation():
     edges, solid = edge_topology(CUBE.t)[0], np.ones(CUBE.nt, dtype=bool)
     floor = at(CUBE, lambda p: p[2] == 0)
-    term, held = SimpleNamespace(nodes_paired=edges), np.array([0])
+    term, held = SimpleNamespace(nodes_paired=edges, nodes_joined=None, grounded=None), np.array([0])
     with pytest.raises(SupportError, match=r"^Not held: the body of \d+ vertices has 5 rigid modes left, .*\. Fix more components"):
         check_held(CUBE, [term], held, solid)
-    bedding = SimpleNamespace(nodes_paired=np.empty((2, 0), dtype=np.int32), grounded=(3 * floor[:, None] + np.arange(3)).ravel())
+    bedding = SimpleNamespace(
+        nodes_paired=np.empty((2, 0), dtype=np.int32), nodes_joined=None, grounded=(3 * floor[:, None] + np.arange(3)).ravel()
+    )
     check_held(CUBE, [term, bedding], held, solid)
 
 
@@ -165,7 +167,10 @@ def test_many_parts_are_counted():
     mesh = ElementMesh(p, np.concatenate([CUBE.t + n * i for i in range(copies)], axis=1))
     with pytest.raises(SupportError, match=r"; and 4 more parts\. Fix .* common faces\.$") as error:
         check_held(
-            mesh, [SimpleNamespace(nodes_paired=edge_topology(mesh.t)[0])], np.array([], dtype=int), np.ones(mesh.nt, dtype=bool)
+            mesh,
+            [SimpleNamespace(nodes_paired=edge_topology(mesh.t)[0], nodes_joined=None, grounded=None)],
+            np.array([], dtype=int),
+            np.ones(mesh.nt, dtype=bool),
         )
     assert str(error.value).count("the part of") == 5
 

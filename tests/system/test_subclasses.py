@@ -15,9 +15,9 @@ class Counting(System):
 
     calls = 0
 
-    def internal_force(self, u):
+    def internal_force(self, u, t=0.0):
         self.calls += 1
-        return super().internal_force(u)
+        return super().internal_force(u, t)
 
 
 def plate(kind=System):

@@ -31,9 +31,9 @@ def found(drawn, check, size=60):
 
 
 def test_a_result_that_depends_on_earlier_calls_is_found(monkeypatch):
-    def remembering(system, u):
+    def remembering(system, u, t=0.0):
         system.__dict__.setdefault("calls", []).append(1)
-        return energy(system, u) * len(system.calls)
+        return energy(system, u, t) * len(system.calls)
 
     energy = System.energy
     monkeypatch.setattr(System, "energy", remembering)

@@ -23,11 +23,12 @@ from ...referee.peers import PEERS
 from ...solvers.newton.outcome import finish_on_signal
 from ...terminal import BAD_INPUT, DONE, INTERRUPTED, NOT_PASSED, WIDTH, console, duration, printable
 from ...units import UNITS
-from .. import Scene, sweep, templates
+from .. import templates
 from ..info import Inspection, inspect_mesh, inspect_scene
+from ..scene import Scene
 from ..scene_outcome import SceneOutcome, SummaryRow, as_printed
 from ..scene_report import REPORT
-from ..sweep import in_a_line
+from ..sweep import in_a_line, sweep
 
 #: Options for the material of a mesh.
 MATERIAL = ("young", "poisson", "density")

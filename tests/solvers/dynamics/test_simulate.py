@@ -107,7 +107,7 @@ def test_stable_steps_cause_no_warning_and_are_chosen_by_default():
 
 def recorded(state, ledger, steps):
     """Return the record of a run after some steps of 0.1 s."""
-    record = RunRecord.at(state, ledger, SimpleNamespace(history=lambda: ()))
+    record = RunRecord.at(state, ledger, SimpleNamespace(first_history=lambda: ()))
     record.clock, record.steps = Clock(0.0, 0.1), steps
     return record
 
@@ -331,7 +331,7 @@ def test_initial_tensions_are_the_requested_ones():
             np.testing.assert_allclose(
                 tensions.values(1.0, kept), system.jacobian(u, kept=kept).data - system.jacobian(u, kept=NONE).data
             )
-            product = sum(c * operator.matvec(v) for c, operator in tensions.operators(kept))
+            product = sum(c * operator.matvec(v) for c, operator in tensions.operators(0.0, kept))
             np.testing.assert_allclose(product, difference @ v, atol=1e-12)
 
 

@@ -168,6 +168,6 @@ def test_a_path_begins_with_the_negative_eigenvalues_of_springs(k, negative):
         equilibrium(system),
         np.zeros(4),
         0.0,
-        ContinuationOptions(0.25, 1e-8, Monitors(system, False), False, lambda t, record: None),
+        ContinuationOptions(0.25, 1e-8, Monitors(system), False, lambda t, record: None),
     )
     assert path._point.negative == negative
