@@ -7,7 +7,7 @@ from homogeneous import affine, homogeneous, rotation
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skfem_stvk import ElementMesh, SpringNetwork, StateError, StVK, StvkError
+from skfem_stvk import ElementMesh, Gravity, StateError, StVK, StvkError
 from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.results import Fields, names
 from skfem_stvk.results.law_on_elements import current_normals, rest_frames
@@ -146,7 +146,7 @@ def test_displacements_that_do_not_fit_are_refused():
 
 def test_bodies_with_only_terms_without_stress_are_refused():
     with pytest.raises(StvkError, match="None of the terms carries stress"):
-        Fields(MESHES["triangles"], [SpringNetwork(young=1.0, poisson=0.25)])
+        Fields(MESHES["triangles"], [Gravity((0.0, -9.81))])
 
 
 def test_only_requested_fields_are_computed():
