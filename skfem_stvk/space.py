@@ -280,6 +280,11 @@ class Entries(Space):
         part: Array = f[self._dofs]
         return part
 
+    def share(self, f: Array) -> Array:
+        if self.comm.divided:
+            f[:] = self.restrict(self._whole.share(self.expand(f)))
+        return f
+
 
 class Span(Space):
     """Coordinates of the vectors of a space that lie in the span of some columns."""
