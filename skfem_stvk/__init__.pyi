@@ -48,7 +48,7 @@ from .solvers.dynamics import Run as Run
 from .solvers.dynamics import Simulation as Simulation
 from .solvers.dynamics import SimulationError as SimulationError
 from .solvers.dynamics import VelocityVerlet as VelocityVerlet
-from .solvers.dynamics.critical_elements import critical_elements as critical_elements
+from .solvers.dynamics.critical_step import critical_elements as critical_elements
 from .solvers.dynamics.critical_step import critical_step as critical_step
 from .solvers.dynamics.modes import modes as modes
 from .solvers.dynamics.simulate import simulate as simulate

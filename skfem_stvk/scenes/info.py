@@ -25,7 +25,7 @@ from ..mesh.quality import Extreme
 from ..solvers.dynamics import EdgeDamping, Rayleigh, critical_elements, critical_step, modes
 from ..solvers.dynamics.motion import Motion
 from ..solvers.dynamics.simulate import first_state
-from ..solvers.dynamics.stable_step import SAFETY
+from ..solvers.dynamics.steps import SAFETY
 from ..system import System
 from ..system.free_tangent import entries_of, kind_of, with_loads
 from ..system.rigid import free_rigid_modes, parts_of_body

@@ -2,8 +2,7 @@
 
 from ..newton.outcome import Interrupted, Status
 from ..runs.ledger import Ledger
-from .critical_elements import CriticalElements, critical_elements
-from .critical_step import CriticalStep, LargestFrequency, critical_step
+from .critical_step import CriticalElements, CriticalStep, LargestFrequency, critical_elements, critical_step
 from .damping import EdgeDamping, Rayleigh
 from .integrators import (
     INTEGRATORS,

@@ -58,6 +58,8 @@ class Inputs:
         Indices of the moved entries among the constrained degrees of freedom, or among the prescribed coordinates.
     pushed, shapes
         The names.
+    pushes
+        Whether any location is pushed.
     """
 
     def __init__(self, body: System | Coordinates, pushed: Sequence[str], shapes: Sequence[str]) -> None:
@@ -88,7 +90,7 @@ class Inputs:
             self.known[name] = Input(slice(at, at + d), 1, d, f"components of the total force [{system.units.of('N')}]")
             self._dofs.append(dofs)
             at += d
-        self._forces = slice(self._count, at)
+        self._forces, self.pushes = slice(self._count, at), bool(self.pushed)
         self.shapes = _checked_names("moved", shapes, "['ball']. Name a contact: RigidContact(..., name='ball').")
         contacts = {term.name: term.contact for term in rigid(system.contacts)}
         for name in self.shapes:
@@ -139,11 +141,6 @@ class Inputs:
     def stay(self, values: Array) -> None:
         """Stay at these values from now on."""
         self._before = self.values = values
-
-    @property
-    def pushes(self) -> bool:
-        """Whether any location is pushed."""
-        return bool(self.pushed)
 
     def moving(self, body: System | Coordinates) -> System | Coordinates:
         """Return the body for a motion in which these inputs displace the shapes."""

@@ -17,12 +17,11 @@ from .guards import EXPLICIT, IMPLICIT, Guard, Inversions, Jumps, inversion_text
 from .integrators import BackwardEuler, StepFailed
 from .ledger_rows import LedgerWriter, known_total
 from .motion_outputs import MotionProgress, Outputs
-from .options import Setup
-from .record import MotionState, RunRecord
+from .motion_setup import Setup
+from .record import RunRecord
 from .removal import Removal, removal_text
 from .run import Run, SimulationError
-from .stable_step import StepCollapsed, halving_text
-from .steps import HALVINGS, Steps
+from .steps import HALVINGS, StepCollapsed, Steps, halving_text
 
 #: Smallest closure error, as a part of the energy, that the message of the run mentions.
 REPORTED = 0.05
@@ -34,10 +33,11 @@ class Loop:
     def __init__(self, setup: Setup, record: RunRecord, outputs: Outputs, quiet: bool) -> None:
         self.setup, self.record, self._outputs, self._quiet = setup, record, outputs, quiet
         motion = setup.motion
-        self._steps = Steps(motion, setup.integrator, record, self._arrived, HALVINGS)
+        self._steps = Steps(motion, setup.integrator, record, HALVINGS)
         self._steps.refuse_far(setup.until)
         self._stepper, self._limit = self._steps.stepper, self._steps.limit
         self._ledger_writer = LedgerWriter(motion, setup.locations, record.ledger, record.clock.dt, setup.integrator.mean)
+        self._steps.writer = self._ledger_writer
         self._begin()
         if record.origin is not None:
             self._stepper.rebuild(record.origin)
@@ -62,7 +62,7 @@ class Loop:
         self._steps.start()
         self._ledger_writer.begin(record.state)
         if record.ledger.steps == 0:
-            self._ledger_writer.append_row(record.state, self._stepper.strain_energy(record.state))
+            self._steps.append_row()
         if record.good is None:
             record.store_good_state()
         self._guard = Guard(record)
@@ -123,11 +123,10 @@ class Loop:
     @np.errstate(over="ignore", invalid="ignore")  # states that overflow are rejected later
     def _step(self, t: float, whole: bool) -> tuple[Status, str]:
         """Advance to time `t`, with all tasks of a step. Return the status and its explanation."""
-        record, state = self.record, self.record.state
+        record = self.record
         self._stepping = True
         try:
             self._steps.advance(t, whole)
-            self._ledger_writer.append_row(state, self._stepper.strain_energy(state))
             if self._guard.blown_up():
                 total = known_total(record.ledger)[-1]
                 return (
@@ -137,7 +136,7 @@ class Loop:
             if whole:
                 chosen = () if self._removal is None else self._removal.chosen(record)
                 if len(chosen):
-                    self._steps.remove(np.asarray(chosen), self._ledger_writer)
+                    self._steps.remove(np.asarray(chosen))
                 self._steps.review(recompute=len(chosen) > 0)
                 if len(chosen) or self._guard.is_good():
                     record.store_good_state()
@@ -157,9 +156,6 @@ class Loop:
     def _monitors(self) -> Monitors:
         """Search for elements at which the model is unreliable, in the present body."""
         return Monitors(self.setup.motion.system)
-
-    def _arrived(self, state: MotionState) -> None:
-        self._ledger_writer.add_work(state)
 
     def _restart_from_good_state(self) -> bool:
         """Return to the last good state after a motion has blown up.

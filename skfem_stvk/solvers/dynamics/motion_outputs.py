@@ -21,7 +21,7 @@ from ...units import UnitSystem
 from ..runs.ledger import Ledger, LedgerFile
 from ..runs.outputs import StateSeries
 from .motion_checkpoint import MotionCheckpoint, SavedMotion
-from .options import Options, Setup
+from .motion_setup import Options, Setup
 from .record import RunRecord
 
 #: Default number of steps from one saved state to the next.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,12 +27,11 @@ from .integrators import Integrator
 from .ledger_rows import LedgerLocations, column_names
 from .loop import Loop
 from .motion import Motion
-from .motion_checkpoint import MotionCheckpoint
+from .motion_checkpoint import MotionCheckpoint, load
 from .motion_outputs import Outputs
-from .options import Options, Setup, checked_integrator, refuse_unsupported, too_early
-from .record import MotionState, RunRecord
+from .motion_setup import Options, Setup, checked_integrator, refuse_unsupported, restored, too_early
+from .record import SLACK, MotionState, RunRecord
 from .removal import Rule, checked_rule
-from .resumed import resumed
 from .run import Run
 
 
@@ -187,7 +187,7 @@ def simulate(
             checkpoint=checkpoint_file,
         )
         if checkpoint_file is not None and output_files.resume and checkpoint_file.exists:
-            start = resumed(body, options, stack, checkpoint_file.file)
+            start = _resumed(body, options, stack, checkpoint_file.file)
         else:
             start = _new_run(body, options, stack)
         return Loop(*start, quiet).run(raise_on_failure)
@@ -201,6 +201,22 @@ def checked_body(system: System | ReducedLike) -> System | Coordinates:
     if body.dtype != np.float64:
         raise StvkError(f"dtype = {body.dtype} of the system; expected float64: System(..., dtype=np.float64).")
     return for_analysis(body, in_time=True)
+
+
+def _resumed(body: System | Coordinates, options: Options, stack: ExitStack, file: Path) -> tuple[Setup, RunRecord, Outputs]:
+    """Return a run that continues from a checkpoint. Arguments that describe its beginning must agree with the file."""
+    read = load(file, body.space)
+    saved = read.saved
+    if saved.inputs.any() or saved.moved:
+        moves = "moved contacts" if saved.moved else "inputs that are not zero"
+        raise StvkError(f"{file} is of a Simulation with {moves}. Continue it with Simulation.load.")
+    motion, integrator, locations, problem = restored(body, options, read, file)
+    options.refuse_other_locations(file, problem.system, locations)
+    record = saved.record(read.ledger)
+    if options.until < record.state.t - (SLACK * record.clock.dt if record.steps else 0.0):
+        raise too_early(options.until, record.state.t, motion.system.units)
+    setup = Setup(motion, integrator, locations, options.until, options.remove)
+    return setup, record, Outputs.opened(setup, record, options, stack, problem, saved)
 
 
 def _new_run(body: System | Coordinates, options: Options, stack: ExitStack) -> tuple[Setup, RunRecord, Outputs]:

@@ -33,10 +33,9 @@ from .integrators import Integrator, StepFailed
 from .ledger_rows import REMOVED, LedgerLocations, LedgerWriter, column_names
 from .motion import Motion
 from .motion_checkpoint import MOTION_FILE, MotionCheckpoint, SavedMotion, load
-from .options import Options, basis_of, checked_integrator, method_options, refuse_unsupported
-from .record import SLACK, Clock, Counts, HierarchyOrigin, MotionState, RunRecord, Snapshot
+from .motion_setup import Options, basis_of, checked_integrator, method_options, refuse_unsupported, restored
+from .record import SLACK, Clock, Counts, HierarchyOrigin, RunRecord, Snapshot
 from .removal import rule_text
-from .resumed import restored
 from .run import SimulationError
 from .simulate import checked_body, first_state
 from .steps import HALVINGS, Steps
@@ -136,6 +135,19 @@ class Simulation:
     ContactError
         if a `moved` contact does not exist, or has a motion of its own.
 
+    Notes
+    -----
+    Arguments that methods share:
+
+    - `name`: name of a location, or of a contact.
+    - `nodes`: name of a location, ids of nodes, or a predicate of the coordinates.
+    - `elements`: ids of elements, a mask (nt,), or the name of a subdomain.
+    - `saved`: result of `copy_state` of this simulation.
+    - `path`: path of a folder, whose file is `motion.npz`.
+    - `overwrite`: whether to replace the file of another motion.
+
+    Methods raise RegionError if there is no such location.
+
     Examples
     --------
     >>> import skfem
@@ -183,16 +195,15 @@ class Simulation:
         halvings = whole("halvings", halvings, f"0 ... {MOST_HALVINGS}", 0, MOST_HALVINGS)
         self._holds = choice("on_failure", on_failure, ("raise", "hold")) == "hold"
         self.failures, self._key, self._running = 0, object(), False
-        self._steps = Steps(motion, integrator, record, self._arrived, halvings)
+        self._steps = Steps(motion, integrator, record, halvings)
         self._means: dict[str, Callable[[Array], Array]] = {}
         self._reactions: dict[str, Callable[[], Array]] = {}
         self._before = record.state.copy()
-        self._writer: LedgerWriter | None = None
         self._steps.start()
         if record.origin is not None:
             self._steps.stepper.rebuild(record.origin)
         if len(record.ledger) > 1:
-            self._writer = self._written(record.ledger)
+            self._steps.writer = self._written(record.ledger)
 
     def _written(self, ledger: Ledger) -> LedgerWriter:
         """Return the writer of a ledger, in which the present state has a row."""
@@ -262,12 +273,6 @@ class Simulation:
         else:
             record.clock = Clock(t, record.clock.dt)
         record.origin = self._steps.stepper.origin
-        if self._writer is not None:
-            self._writer.append_row(record.state, self._steps.stepper.strain_energy(record.state))
-
-    def _arrived(self, state: MotionState) -> None:
-        if self._writer is not None:
-            self._writer.add_work(state)
 
     def _failure(self, error: Exception, end: float) -> str:
         halved = f", not even in {2**self._steps.halvings} parts" if self._steps.halvings else ""
@@ -315,37 +320,15 @@ class Simulation:
     @property
     def ledger(self) -> Ledger | None:
         """Ledger with one row per step; None without `ledger=True`."""
-        return None if self._writer is None else self._writer.ledger
+        return None if self._steps.writer is None else self._steps.writer.ledger
 
     def u_at(self, nodes: Where) -> Array:
-        """Return the displacements (n, d) [m] of the nodes at a location.
-
-        Parameters
-        ----------
-        nodes
-            Name of a location, ids of nodes, or a predicate of the coordinates.
-
-        Raises
-        ------
-        RegionError
-            if there are no such nodes.
-        """
+        """Return the displacements (n, d) [m] of the nodes at a location."""
         dofs = self._dofs_at(nodes, "u_at")
         return np.array(self._motion.states.entries(dofs.ravel())(self._record.state.u)).reshape(dofs.shape)
 
     def mean(self, name: str) -> Array:
-        """Return the mean displacement (d,) [m] of the nodes at a named location.
-
-        Parameters
-        ----------
-        name
-            Name of the location.
-
-        Raises
-        ------
-        RegionError
-            if there is no such location.
-        """
+        """Return the mean displacement (d,) [m] of the nodes at a named location."""
         name = text("name", name)
         if name not in self._means:
             self._means[name] = self._motion.states.entries(self._dofs_at(name, "mean").ravel())
@@ -370,17 +353,12 @@ class Simulation:
         It is from the equation of the step, with damping and the inertia `M (v1 - v)/T`. The work of the support over the step is
         `(v + v1)/2 . M (v1 - v)` plus the displacements times the rest of the reaction; with it the energies balance. For a
         `ReducedSystem`, it costs nothing at a moved location, and one evaluation on the mesh elsewhere, for the end of the step.
-
-        Parameters
-        ----------
-        name
-            Name of the location. As in `StaticResult.reaction`, that of a support has its components and its share of common ones;
-            any other has all components that supports constrain at its nodes.
+        Components and shares of a location are those of `StaticResult.reaction`.
 
         Raises
         ------
-        RegionError, SupportError
-            if there is no such location, or no support there.
+        SupportError
+            if no support acts there.
         StvkError
             if no step was made yet.
         """
@@ -415,18 +393,7 @@ class Simulation:
         return self._motion.ground_forces(self._record.state, (self.t - self.dt, self.t), self.dt, False)
 
     def contact(self, name: str) -> ContactState:
-        """Return the forces of a contact in the last step, as `Run.contact`.
-
-        Parameters
-        ----------
-        name
-            Name of the contact, as in `RigidContact(..., name="floor")`.
-
-        Raises
-        ------
-        ContactError
-            if there is no such contact.
-        """
+        """Return the forces of a contact in the last step, as `Run.contact`, whose errors it raises."""
         return contact_state(self.system, name, self.u, self._motion.moment(self.t), self._record.state.forces)
 
     def inside_out(self) -> NDArray[np.int64]:
@@ -437,14 +404,9 @@ class Simulation:
     def remove(self, elements: str | ArrayLike) -> None:
         """Remove elements from the body, as `System.without` does; `system` is then the remaining body.
 
-        Parameters
-        ----------
-        elements
-            Ids of elements, a mask (nt,), or the name of a subdomain.
-
         Raises
         ------
-        RegionError, StvkError
+        StvkError
             as `System.without`, and for a `ReducedSystem`.
         """
         motion, record = self._motion, self._record
@@ -453,10 +415,10 @@ class Simulation:
         ids = elements_to_remove(motion.system, elements)
         if not len(ids):
             return
-        if self._writer is not None and REMOVED not in self._writer.ledger:
-            record.ledger = _with_removed_energy(self._writer.ledger, column_names(motion.body, removing=True))
-            self._writer = self._written(record.ledger)
-        self._steps.remove(ids, self._writer)
+        if self.ledger is not None and REMOVED not in self.ledger:
+            record.ledger = _with_removed_energy(self.ledger, column_names(motion.body, removing=True))
+            self._steps.writer = self._written(record.ledger)
+        self._steps.remove(ids)
         self._steps.review(recompute=True)
 
     @exclusive
@@ -468,18 +430,7 @@ class Simulation:
 
     @exclusive
     def restore(self, saved: SavedState) -> None:
-        """Go back to a state, and to the inputs that it had.
-
-        Parameters
-        ----------
-        saved
-            Result of `copy_state` of this simulation.
-
-        Raises
-        ------
-        StvkError
-            if it is of another simulation.
-        """
+        """Go back to a state, and to the inputs that it had. Raise StvkError for a state of another simulation."""
         if not isinstance(saved, SavedState) or saved.key is not self._key:
             what = "a state of another simulation" if isinstance(saved, SavedState) else shown(saved)
             raise StvkError(f"restore({what}); expected a result of copy_state() of this simulation.")
@@ -496,21 +447,14 @@ class Simulation:
         record.origin = origin
         if origin is not None:
             self._steps.stepper.rebuild(origin)
-        if self._writer is not None:
-            self._writer.begin(record.state)
+        if self._steps.writer is not None:
+            self._steps.writer.begin(record.state)
 
     @exclusive
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
         """Write the state to a folder, as a checkpoint that `Simulation.load` and `simulate(checkpoint=..., resume=True)` read.
 
         Without a ledger, the file is that of a motion that begins at this state.
-
-        Parameters
-        ----------
-        path
-            Path of the folder, whose file is `motion.npz`.
-        overwrite
-            Let it replace the file of another motion.
 
         Raises
         ------
@@ -519,7 +463,7 @@ class Simulation:
         """
         folder, motion, record = path_of("path", path), self._motion, self._record
         (system, start), removed_at = self._first, record.removed_at
-        if self._writer is None:
+        if self.ledger is None:
             system, start, removed_at = motion.system, self._numbers(), np.full(len(record.removed), np.nan)
             next_review = max(record.reviews.next - record.steps, 0)
             ledger = Ledger(column_names(motion.body))

@@ -97,7 +97,7 @@ class StepMatrix:
         """`friction` is its factor in the equation, in which it acts in full even if forces of the end have a smaller weight."""
         self._friction = friction
         self._motion, self._system, self._watch = motion, motion.system, watch
-        self._chosen, self._mean = chosen, mean
+        self._chosen, self._mean, self._retained = chosen, mean, chosen.retained
         self._u0, self._at = np.zeros(motion.states.n), np.zeros(motion.states.n)
         self._rest: tuple[int, csr_matrix] | None = None  # version of the pattern, and K(0)
         between = mean and any(term.has_mean_force for term in motion.system.bound_terms)
@@ -143,7 +143,7 @@ class StepMatrix:
     def _factorise(self, w: Array, t: Time, tangent: Tangent) -> Factors:
         K: Any
         exact = tangent is Tangent.EXACT
-        retained, multigrid = self._chosen.retained if exact else TENSILE, self.tangent.multigrid
+        retained, multigrid = self._retained if exact else TENSILE, self.tangent.multigrid
         if self._diagonal is not None and exact:
             with self._watch("factor"):
                 return _Diagonal(self._diagonal.factorise(self._operator(w, t, retained), self.tangent.kind))

@@ -103,7 +103,8 @@ class StepProblem(Equation):
         """
         with self._watch("assemble"):
             fixed, linear = self.motion.free.fixed, self._linear(w)
-            self._add_edge_damping(w, u, linear)
+            if self.motion.tau:
+                self._add_edge_damping(w, u, linear)
             linear -= self.offset
             linear += self._internal
             linear -= self.motion.loads(u, t)
@@ -176,13 +177,12 @@ class StepProblem(Equation):
             force *= 2
         else:
             self.motion.energy_and_force(u1, self.matrix.assuming(w, moment), force)
-        self._add_edge_damping(w, u1, force)
+        if self.motion.tau:
+            self._add_edge_damping(w, u1, force)
         return force
 
     def _add_edge_damping(self, w: Array, u1: Array, force: Array) -> None:
         """Add the force of edge damping over a step by `w` to `u1`."""
-        if not self.motion.tau:
-            return
         damping = np.zeros_like(force)
         if self._secant:
             add_secant_damping(self.system, self._u0, u1, 0.5 if self._mean else 1.0, damping)

@@ -13,7 +13,7 @@ from skfem_stvk import ElementMesh, Gravity, NodalLoad, StVK, System, Traction, 
 from skfem_stvk.solvers.dynamics import EdgeDamping, Rayleigh, Status
 from skfem_stvk.solvers.dynamics.ledger_rows import LedgerLocations, column_names
 from skfem_stvk.solvers.dynamics.motion import Motion
-from skfem_stvk.solvers.dynamics.options import Setup
+from skfem_stvk.solvers.dynamics.motion_setup import Setup
 from skfem_stvk.solvers.dynamics.record import MotionState, RunRecord
 from skfem_stvk.solvers.runs.ledger import Ledger
 

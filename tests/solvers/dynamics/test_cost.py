@@ -17,7 +17,7 @@ from skfem_stvk.solvers.dynamics.critical_step import LargestFrequency, critical
 from skfem_stvk.solvers.dynamics.loop import Loop
 from skfem_stvk.solvers.dynamics.motion_outputs import Outputs
 from skfem_stvk.solvers.dynamics.record import FEWEST, MOST, Reviews
-from skfem_stvk.solvers.dynamics.stable_step import StableStep
+from skfem_stvk.solvers.dynamics.steps import StableStep
 
 
 def hanging(n, young=3e4):

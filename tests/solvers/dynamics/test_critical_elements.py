@@ -12,7 +12,6 @@ from skfem_stvk import (
     Corotated,
     ElasticFoundation,
     ElementMesh,
-    MaterialError,
     NeoHookean,
     SpringNetwork,
     StVK,
@@ -130,8 +129,3 @@ def test_constrained_removed_and_unused_elements_have_infinite_steps():
     assert np.flatnonzero(np.isinf(critical_elements(system).every)).tolist() == [5, 7]
     some = StVK(young=1.0, poisson=0.3, density=1.0, region=np.delete(np.arange(mesh.nt), 3))
     assert np.flatnonzero(np.isinf(critical_elements(System(mesh, some)).every)).tolist() == [3]
-
-
-def test_a_body_without_mass_is_refused():
-    with pytest.raises(MaterialError, match="density"):
-        critical_elements(System(box(1), StVK(young=1.0, poisson=0.3)))

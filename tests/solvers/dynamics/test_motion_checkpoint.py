@@ -17,7 +17,7 @@ from skfem_stvk import Gravity, NodalLoad, Rayleigh, StVK, StvkError, System, Tr
 from skfem_stvk.results.complete_files import WriteError
 from skfem_stvk.solvers.dynamics import motion_checkpoint as module
 from skfem_stvk.solvers.dynamics.motion_checkpoint import MotionCheckpoint, SavedMotion, load
-from skfem_stvk.solvers.dynamics.options import FRACTIONS
+from skfem_stvk.solvers.dynamics.motion_setup import FRACTIONS
 from skfem_stvk.solvers.dynamics.record import Clock, Counts, HierarchyOrigin, MotionState, Reviews
 from skfem_stvk.solvers.newton.problem import Tangent
 from skfem_stvk.system.signature import Fingerprint

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import pytest
-from motions import BOTH, MESHES, Scene, clamped, driven, material, moved, pushed, spinning, velocities
+from motions import BOTH, MESHES, Scene, clamped, driven, material, moved, pushed, velocities
 
 from skfem_stvk import (
     ElasticFoundation,
@@ -250,16 +250,6 @@ def test_a_run_without_a_step_has_reactions(tmp_path):
     run = caught.value.run
     masses = np.repeat(system.mass().vertex, 2)[system.supports.held].reshape(-1, 2)
     np.testing.assert_allclose(run.reaction().by_node, masses * [0.0, 1.0])  # nothing is strained yet
-
-
-def test_locations_without_supports_are_refused():
-    run = clamped(2).run(EnergyMomentum(0.02), 0.04)
-    with pytest.raises(SupportError, match="reaction: no support and no foundation acts at 'right', so there is no reaction"):
-        run.reaction("right")
-    with pytest.raises(RegionError, match=r"reaction: the mesh has no boundary .* 'lef'.*Did you mean 'left'"):
-        run.reaction("lef")
-    with pytest.raises(SupportError, match="the body has no supports"):
-        spinning(2).run(EnergyMomentum(0.02), 0.04).reaction()
 
 
 @pytest.mark.parametrize(

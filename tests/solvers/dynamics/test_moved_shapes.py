@@ -5,13 +5,11 @@ import pytest
 
 from skfem_stvk import (
     BackwardEuler,
-    ContactError,
     EnergyMomentum,
     Friction,
     LinearBackwardEuler,
     NeoHookean,
     RigidContact,
-    RigidPlane,
     RigidSphere,
     Simulation,
     SimulationError,
@@ -208,18 +206,3 @@ def test_a_wrong_displacement_is_refused_before_the_step(given, words):
     sim.step()
     other.step()
     assert np.array_equal(state_of(sim), state_of(other))
-
-
-def test_contacts_that_cannot_be_inputs_are_refused():
-    with pytest.raises(
-        ContactError, match=r"moved = 'bal'; expected a RigidContact of the body; known: 'ball'. Did you mean 'ball'"
-    ):
-        Simulation(pressed(), BackwardEuler(DT), moved=["bal"])
-    with pytest.raises(ContactError, match=r"moved = 'ball': RigidContact 'ball' has a motion; expected motion=None"):
-        Simulation(pressed(motion=(0, 0, 0)), BackwardEuler(DT), moved=["ball"])
-    with pytest.raises(StvkError, match=r"moved = 'ball'; expected a list of different names, such as \['ball'\]. Name a contact"):
-        Simulation(pressed(), BackwardEuler(DT), moved="ball")
-    plane = RigidContact(RigidPlane((0, 0, 0.1), (0, 0, -1)), name="front")
-    body = System(MESH, [NeoHookean(young=3e4, poisson=0.4, density=1000.0), plane], prescribed={"front": "xyz"})
-    with pytest.raises(StvkError, match=r"moved = 'front': a location is an input of this name"):
-        Simulation(body, BackwardEuler(DT), moved=["front"])

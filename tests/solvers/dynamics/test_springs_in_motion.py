@@ -9,8 +9,8 @@ from motions import MESHES, Scene, material, velocities
 from scipy.linalg import eigh
 from springs import PointSpring
 
-from skfem_stvk import StvkError, System, critical_step, modes
-from skfem_stvk.solvers.dynamics import BackwardEuler, EdgeDamping, EnergyMomentum, LinearBackwardEuler, Newmark, VelocityVerlet
+from skfem_stvk import System, critical_step, modes
+from skfem_stvk.solvers.dynamics import BackwardEuler, EnergyMomentum, LinearBackwardEuler, Newmark, VelocityVerlet
 
 ANCHOR = (1.5, 0.8, -0.4)
 
@@ -68,12 +68,6 @@ def test_linear_backward_euler_is_stable_with_stiff_springs():
     run = motion(3, LinearBackwardEuler(0.05), until=1.0, k=1e4, own=True)
     assert run.success and run.ledger["total_energy"][-1] < run.ledger["total_energy"][0]
     assert run.ledger["potential_energy"].max() < 0.1 * run.ledger["total_energy"][0]
-
-
-def test_edge_damping_that_would_damp_springs_is_refused():
-    system = sprung(2)
-    with pytest.raises(StvkError, match="EdgeDamping would also damp PointSpring"):
-        Scene(system, velocities(system.mesh), EdgeDamping(1e-3)).run(LinearBackwardEuler(0.01), 0.02)
 
 
 @pytest.mark.parametrize("solver", ["superlu", "amg-cg", "block-jacobi-cg"])

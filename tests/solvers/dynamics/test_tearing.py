@@ -278,22 +278,6 @@ def test_bare_nodes_stay_where_they_are():
 
 
 @pytest.mark.parametrize(
-    ("rule", "message"),
-    [("stress", "remove = 'stress'"), (PrincipalStressLimit, "remove = "), (1e6, "remove = ")],
-    ids=str,
-)
-def test_invalid_rules_are_refused(rule, message):
-    with pytest.raises(StvkError, match=message):
-        simulate(sheet(), VelocityVerlet(), until=0.1, remove=rule)
-
-
-@pytest.mark.parametrize("limit", [0.0, -1.0, np.nan, "high", [[1.0]]], ids=str)
-def test_limits_are_positive(limit):
-    with pytest.raises(StvkError, match="PrincipalStressLimit: limit"):
-        PrincipalStressLimit(limit)
-
-
-@pytest.mark.parametrize(
     "answer", [[99], np.ones(3, dtype=bool), np.arange(64), "nowhere", 0.5], ids=["99", "mask", "all", "name", "0.5"]
 )
 def test_results_of_rules_are_checked_and_errors_contain_the_run(answer):

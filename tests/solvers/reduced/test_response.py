@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -259,13 +260,6 @@ def test_points_behind_a_snap_are_holes():
         found((0.0, -0.95))
 
 
-def test_the_first_point_has_to_have_an_equilibrium():
-    with pytest.raises(StvkError, match=r"The first displacement .* has no equilibrium: .*(invert|Stopped)"):
-        PrecomputedResponse(solid(BEAM), GRIP, ([-3.1, 4.0], [0.0]), quiet=True)
-    with pytest.raises(StvkError, match=r"The first displacement .* float64"):
-        PrecomputedResponse(System(BEAM, StVK(young=1e4, poisson=0.3), {"left": "xy"}, dtype=np.float32), GRIP, ([0, 1], [0]))
-
-
 def test_a_crash_is_a_hole_that_the_next_call_fills(tmp_path, monkeypatch):
     axes = ([0.0], [-0.1, 0.0, 0.1])
     whole = PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, quiet=True)
@@ -414,12 +408,6 @@ def test_checkpoints_of_another_problem_and_damaged_ones_are_refused(tmp_path):
         PrecomputedResponse(solid(BEAM), GRIP, axes, checks=0, checkpoint=tmp_path / "points", quiet=True)
 
 
-def test_bodies_with_lambdas_do_not_go_to_processes():
-    body = System(BEAM, StVK(young=1e4, poisson=0.3), fixed=[(lambda x: x[0] == 0, "xy")])
-    with pytest.raises(StvkError, match=r"lambda.*jobs=1"):
-        PrecomputedResponse(body, GRIP, ([0.0], [-0.1, 0.0]), jobs=2, quiet=True)
-
-
 def test_a_saved_response_is_loaded_with_its_own_body_only(answers, tmp_path):
     file = answers.save(tmp_path / "grip.npz")
     loaded = PrecomputedResponse.load(file, solid())
@@ -452,6 +440,30 @@ ALTERED = {
 }
 
 
+def node_outside(header, arrays, node):
+    """Append a node to the handle, in the array and in the problem."""
+    arrays["nodes"] = np.append(arrays["nodes"], node)
+    header["problem"]["numbers"]["the handle"] = [len(arrays["nodes"]), *sums(arrays["nodes"])]
+
+
+OTHERS = [
+    *(("holes in its header", lambda header, _, one=one: header["record"].update(holes=one)) for one in ({"0": ""}, {"no": "why"})),
+    ("holes in its header", lambda header, _: header["record"].update(holes={"10000": "why"})),
+    ("numbers of nodes from 0 to", partial(node_outside, node=-1)),
+    ("numbers of nodes from 0 to", partial(node_outside, node=10**6)),
+]
+
+
+@pytest.mark.parametrize(("message", "change"), OTHERS)
+def test_a_file_with_other_holes_or_nodes_is_refused_though_its_digest_fits(holed, tmp_path, message, change):
+    file = holed.save(tmp_path / "grip.npz")
+    header, arrays = read_archive(file, TableFile.known, "")
+    change(header, arrays)
+    write_archive(file, header, arrays)
+    with pytest.raises(StvkError, match=message):
+        PrecomputedResponse.load(file, holed.body)
+
+
 @pytest.mark.parametrize("how", ALTERED)
 def test_a_file_with_other_arrays_is_refused_though_its_digest_fits(holed, tmp_path, how):
     file = holed.save(tmp_path / "grip.npz")
@@ -464,26 +476,6 @@ def test_a_file_with_other_arrays_is_refused_though_its_digest_fits(holed, tmp_p
             PrecomputedResponse.load(file, holed.body)
 
 
-@pytest.mark.parametrize("holes", [{"0": ""}, {"no number": "why"}, {"10000": "why"}])
-def test_a_file_with_other_holes_is_refused_though_its_digest_fits(holed, tmp_path, holes):
-    file = holed.save(tmp_path / "grip.npz")
-    header, arrays = read_archive(file, TableFile.known, "")
-    write_archive(file, header | {"record": header["record"] | {"holes": holes}}, arrays)
-    with pytest.raises(StvkError, match="holes in its header"):
-        PrecomputedResponse.load(file, holed.body)
-
-
-@pytest.mark.parametrize("node", [-1, 10**6])
-def test_a_file_with_nodes_that_are_not_in_the_mesh_is_refused(holed, tmp_path, node):
-    file = holed.save(tmp_path / "grip.npz")
-    header, arrays = read_archive(file, TableFile.known, "")
-    nodes = np.append(arrays["nodes"], node)
-    header["problem"]["numbers"]["the handle"] = [len(nodes), *sums(nodes)]
-    write_archive(file, header, arrays | {"nodes": nodes})
-    with pytest.raises(StvkError, match="numbers of nodes from 0 to"):
-        PrecomputedResponse.load(file, holed.body)
-
-
 def test_holes_are_saved(holed, tmp_path):
     loaded = PrecomputedResponse.load(holed.save(tmp_path / "holed.npz"), holed.body)
     assert loaded.holes == holed.holes and loaded.error.unsolved == holed.error.unsolved
@@ -491,31 +483,29 @@ def test_holes_are_saved(holed, tmp_path):
         loaded((-1.9, 0.0))
 
 
-@pytest.mark.parametrize(
-    "axes, message",
-    [
-        (([0.0], [0.1, 0.2]), "y goes from 0.1 to 0.2; expected zero"),
-        (([0.0], [0.1, 0.0]), "ascending"),
-        (([0.0], []), "at least one"),
-        (([0.0], [0.0]), "each axis has one value"),
-        (([0.0, 0.1],), "2 axes"),
-        (([0.0], "yes"), "displacements: y"),
-        (([0.0], [0.0, np.nan]), "not finite"),
-        (3, "2 axes"),
-    ],
-)
-def test_invalid_grids_are_refused(axes, message):
-    with pytest.raises(StvkError, match=message):
-        PrecomputedResponse(solid(BEAM), GRIP, axes, quiet=True)
+LAW = StVK(young=1e4, poisson=0.3)
+REFUSED = [
+    (StvkError, "y goes from 0.1 to 0.2; expected zero", {"displacements": ([0.0], [0.1, 0.2])}),
+    (StvkError, "ascending", {"displacements": ([0.0], [0.1, 0.0])}),
+    (StvkError, "at least one", {"displacements": ([0.0], [])}),
+    (StvkError, "each axis has one value", {"displacements": ([0.0], [0.0])}),
+    (StvkError, "2 axes", {"displacements": ([0.0, 0.1],)}),
+    (StvkError, "displacements: y", {"displacements": ([0.0], "yes")}),
+    (StvkError, "not finite", {"displacements": ([0.0], [0.0, np.nan])}),
+    (StvkError, "2 axes", {"displacements": 3}),
+    (SupportError, r"handle: of 'left', 3 vertices .* fixed or prescribed", {"handle": "left"}),
+    (RegionError, r"handle: .*'grip'", {"handle": "grip"}),
+    (SupportError, "rigid", {"body": System(BEAM, LAW), "handle": [0]}),
+    (StvkError, r"lambda.*jobs=1", {"body": System(BEAM, LAW, fixed=[(lambda x: x[0] == 0, "xy")]), "jobs": 2}),
+    (StvkError, r"The first displacement .* has no equilibrium: .*(invert|Stopped)", {"displacements": ([-3.1, 4.0], [0.0])}),
+    (StvkError, r"The first displacement .* float64", {"body": System(BEAM, LAW, {"left": "xy"}, dtype=np.float32)}),
+]
 
 
-def test_handles_that_cannot_be_displaced_are_refused():
-    with pytest.raises(SupportError, match=r"handle: of 'left', 3 vertices .* fixed or prescribed"):
-        PrecomputedResponse(solid(BEAM), "left", ([0.0], [0.0, 0.1]), quiet=True)
-    with pytest.raises(RegionError, match=r"handle: .*'grip'"):
-        PrecomputedResponse(solid(BEAM), "grip", ([0.0], [0.0, 0.1]), quiet=True)
-    with pytest.raises(SupportError, match="rigid"):
-        PrecomputedResponse(System(BEAM, StVK(young=1e4, poisson=0.3)), [0], ([0.0], [0.0, 0.1]), quiet=True)
+@pytest.mark.parametrize(("error", "message", "options"), REFUSED, ids=[row[1] for row in REFUSED])
+def test_invalid_arguments_are_refused(error, message, options):
+    with pytest.raises(error, match=message):
+        PrecomputedResponse(**{"body": solid(BEAM), "handle": GRIP, "displacements": ([0.0], [0.0, 0.1]), "quiet": True} | options)
 
 
 # faults that the checks find

@@ -87,12 +87,8 @@ class LinearBackwardEuler(BackwardEuler):
 
     Parameters
     ----------
-    dt
-        Time step [s].
-    tangent
-        Tangent of its solves, "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest"; see `StepTangent`.
-    solver
-        Linear solver, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by size.
+    dt, tangent, solver
+        As in `BackwardEuler`.
     rtol
         Relative tolerance of the linear solve.
 

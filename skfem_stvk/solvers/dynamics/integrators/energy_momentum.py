@@ -37,12 +37,8 @@ class EnergyMomentum(Implicit):
 
     Parameters
     ----------
-    dt
-        Time step [s].
-    tangent
-        Tangent of its solves, "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest"; see `StepTangent`.
-    solver
-        Linear solver, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by size.
+    dt, tangent, solver
+        As in `BackwardEuler`.
     rtol
         Relative tolerance of the residual. The remaining residual determines the error of the energy. The default is close to
         round-off, which 3e-16 reaches. 1e-8 saves one or two iterations per step.
@@ -72,17 +68,7 @@ class EnergyMomentum(Implicit):
     rtol: float = 1e-13
 
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
-        """Return the coefficients of twice the equation above, so that the tangent contains K without a factor.
-
-        Parameters
-        ----------
-        state
-            Motion at the beginning of the step.
-        h
-            Length of the step [s].
-        stepper
-            Stepper of the motion, with its arrays.
-        """
+        # those of twice the equation above, so that the tangent contains K without a factor
         loads, rate = stepper.motion.loads(state.u, state.t), _rate(h)
         return Coefficients(rate * rate, 2 * rate * state.v, rate, np.zeros_like(state.v), -loads)
 

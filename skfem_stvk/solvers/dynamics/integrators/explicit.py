@@ -17,14 +17,7 @@ from .integrator import ANGULAR_MOMENTUM, LINEAR_MOMENTUM, Integrator, Stepper, 
 
 @dataclass(frozen=True)
 class Explicit(Integrator):
-    """Integrator that needs forces only.
-
-    Parameters
-    ----------
-    dt
-        Time step [s]. By default it is 0.85 of the critical step, updated as the body deforms, and shorter after a motion has blown
-        up.
-    """
+    """Integrator that needs forces only. `ForwardEuler` documents its parameters."""
 
     explicit: ClassVar[bool] = True
     #: Factor of damping in the computation of the critical step.
@@ -157,8 +150,7 @@ class VelocityVerlet(Explicit):
     Parameters
     ----------
     dt
-        Time step [s]. By default it is 0.85 of the critical step, updated as the body deforms, and shorter after a motion has blown
-        up.
+        As in `ForwardEuler`.
 
     Examples
     --------

@@ -35,19 +35,7 @@ MOST_DENSE = 6
 
 @dataclass(frozen=True)
 class Implicit(Integrator):
-    """Integrator that solves an equation for the displacements over each step.
-
-    Parameters
-    ----------
-    dt
-        Time step [s].
-    tangent
-        Tangent of its solves, "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest"; see `StepTangent`.
-    solver
-        Linear solver, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by size.
-    rtol
-        Tolerance of the residual, relative to the forces, including those of inertia.
-    """
+    """Integrator that solves an equation for the displacements over each step. `BackwardEuler` documents its parameters."""
 
     explicit: ClassVar[bool] = False
     conserves_reduced: ClassVar[frozenset[str] | None] = frozenset()

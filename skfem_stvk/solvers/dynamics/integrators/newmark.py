@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -15,8 +15,30 @@ from .implicit import Implicit, ImplicitStepper
 from .integrator import LINEAR_MOMENTUM
 
 
+class NewmarkEnds(Implicit):
+    """Integrator with Newmark's velocities and accelerations at the end of a step, by its weights `beta` and `gamma`."""
+
+    needs_acceleration: ClassVar[bool] = True
+    beta: Any
+    gamma: Any
+
+    def ends(self, state: MotionState, h: float) -> Coefficients:
+        """Return the coefficients of `a1 = c w - m` and `v1 = g w - d`, for the displacements `w` over the step."""
+        beta, gamma = self.beta, self.gamma
+        c, g = 1 / (beta * h**2), gamma / (beta * h)
+        m = state.v / (beta * h) + (1 / (2 * beta) - 1) * state.a
+        d = gamma * h * m - state.v - (1 - gamma) * h * state.a
+        return Coefficients(c, m, g, d)
+
+    def update(self, state: MotionState, w: Array, h: float) -> None:
+        c, m, *_ = self.ends(state, h)
+        a = c * w - m
+        state.v += h * ((1 - self.gamma) * state.a + self.gamma * a)
+        np.copyto(state.a, a)
+
+
 @dataclass(frozen=True)
-class Newmark(Implicit):
+class Newmark(NewmarkEnds):
     """Newmark's method (1959): the equation of motion at the end of the step, with weights of the old and the new acceleration.
 
     ::
@@ -28,14 +50,8 @@ class Newmark(Implicit):
 
     Parameters
     ----------
-    dt
-        Time step [s].
-    tangent
-        Tangent of its solves, "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest"; see `StepTangent`.
-    solver
-        Linear solver, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by size.
-    rtol
-        Tolerance of the residual, relative to the forces, including those of inertia.
+    dt, tangent, solver, rtol
+        As in `BackwardEuler`.
     beta, gamma
         Weights of the new acceleration. The order is two for gamma = 1/2. Linear bodies are stable if gamma >= 1/2 and beta >=
         gamma/2.
@@ -57,7 +73,6 @@ class Newmark(Implicit):
     """
 
     conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM})
-    needs_acceleration: ClassVar[bool] = True
 
     beta: Annotated[float, Quantity(None, "Weight of the new acceleration in the displacement.", ge=0)] = 0.25
     gamma: Annotated[float, Quantity(None, "Weight of the new acceleration in the velocity.", ge=0)] = 0.5
@@ -66,7 +81,11 @@ class Newmark(Implicit):
         super().__post_init__()
         for name in ("beta", "gamma"):
             object.__setattr__(self, name, number(f"Newmark: {name}", getattr(self, name)))
-        check_newmark(self.beta, self.gamma)
+        if not (self.gamma >= 0.5 and self.beta >= self.gamma / 2):
+            raise StvkError(
+                f"beta = {self.beta!r}, gamma = {self.gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, with which any step is "
+                "stable for linear bodies. For beta = 0 use VelocityVerlet."
+            )
 
     @property
     def order(self) -> int:  # type: ignore[override]
@@ -79,14 +98,11 @@ class Newmark(Implicit):
         return self.gamma == 0.5
 
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
-        return newmark_coefficients(state, h, self.beta, self.gamma)
-
-    def update(self, state: MotionState, w: Array, h: float) -> None:
-        newmark_update(state, w, h, self.beta, self.gamma)
+        return self.ends(state, h)
 
 
 @dataclass(frozen=True)
-class GeneralizedAlpha(Implicit):
+class GeneralizedAlpha(NewmarkEnds):
     """Generalised alpha (Chung, Hulbert 1993): inertia, damping and forces are each evaluated at a time within the step.
 
     ::
@@ -100,14 +116,8 @@ class GeneralizedAlpha(Implicit):
 
     Parameters
     ----------
-    dt
-        Time step [s].
-    tangent
-        Tangent of its solves, "exact", "clamped", "gauss-newton", "warped", "diagonal" or "rest"; see `StepTangent`.
-    solver
-        Linear solver, as in `solve_static`; by default "ssor-cg" for tetrahedra if forces have a potential, otherwise by size.
-    rtol
-        Tolerance of the residual, relative to the forces, including those of inertia.
+    dt, tangent, solver, rtol
+        As in `BackwardEuler`.
     rho
         Spectral radius at infinite frequency: 1 retains all vibrations, 0 removes the highest within a step.
 
@@ -124,7 +134,6 @@ class GeneralizedAlpha(Implicit):
 
     order: ClassVar[int] = 2
     conserves: ClassVar[frozenset[str]] = frozenset({LINEAR_MOMENTUM})
-    needs_acceleration: ClassVar[bool] = True
 
     rho: Annotated[float, Quantity(None, "Spectral radius at infinity.", ge=0, le=1)] = 0.8
 
@@ -164,47 +173,8 @@ class GeneralizedAlpha(Implicit):
         return (1 - self.alpha_m + self.alpha_f) ** 2 / 4
 
     def coefficients(self, state: MotionState, h: float, stepper: ImplicitStepper) -> Coefficients:
-        """Return the coefficients of the equation above, divided by `1 - alpha_f`.
-
-        Parameters
-        ----------
-        state
-            Motion at the beginning of the step.
-        h
-            Length of the step [s].
-        stepper
-            Stepper of the motion, with its arrays.
-        """
-        c, m, g, d, _ = newmark_coefficients(state, h, self.beta, self.gamma)
+        c, m, g, d, _ = self.ends(state, h)  # those of the equation above, divided by `1 - alpha_f`
         share, before = (1 - self.alpha_m) / (1 - self.alpha_f), self.alpha_f / (1 - self.alpha_f)
         motion = stepper.motion
         inertia = share * m - self.alpha_m / (1 - self.alpha_f) * state.a
         return Coefficients(share * c, inertia, g, d, -before * motion.force(state.u, state.v, state.t))
-
-    def update(self, state: MotionState, w: Array, h: float) -> None:
-        newmark_update(state, w, h, self.beta, self.gamma)
-
-
-def check_newmark(beta: float, gamma: float) -> None:
-    """Refuse parameters that are not stable for linear bodies at any step."""
-    if not (gamma >= 0.5 and beta >= gamma / 2):
-        raise StvkError(
-            f"beta = {beta!r}, gamma = {gamma!r}; expected gamma >= 1/2 and beta >= gamma/2, with which any step is stable for "
-            "linear bodies. For beta = 0 use VelocityVerlet."
-        )
-
-
-def newmark_coefficients(state: MotionState, h: float, beta: float, gamma: float) -> Coefficients:
-    """Return the coefficients of `a1 = c w - m` and `v1 = g w - d`, for the displacements `w` over the step."""
-    c, g = 1 / (beta * h**2), gamma / (beta * h)
-    m = state.v / (beta * h) + (1 / (2 * beta) - 1) * state.a
-    d = gamma * h * m - state.v - (1 - gamma) * h * state.a
-    return Coefficients(c, m, g, d)
-
-
-def newmark_update(state: MotionState, w: Array, h: float, beta: float, gamma: float) -> None:
-    """Set velocities and accelerations at the end of the step."""
-    c, m, _, _, _ = newmark_coefficients(state, h, beta, gamma)
-    a = c * w - m
-    state.v += h * ((1 - gamma) * state.a + gamma * a)
-    np.copyto(state.a, a)
