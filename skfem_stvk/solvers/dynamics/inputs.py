@@ -65,18 +65,16 @@ class Inputs:
     def __init__(self, body: System | Coordinates, pushed: Sequence[str], shapes: Sequence[str]) -> None:
         basis = body if isinstance(body, Coordinates) else None
         system = body if isinstance(body, System) else body.system
-        d, at = system.mesh.d, 0
+        d, self._size = system.mesh.d, 0
         self.known: dict[str, Input] = {}
         indices = [np.empty(0, dtype=np.int64)]
         for name, location in system.supports.moved.items():
             n, k = location.indices.shape if basis is None else (1, location.indices.shape[1])
-            words = f"displacements along {', '.join(location.components)} [{system.units.of('m')}]"
-            self.known[name] = Input(slice(at, at + n * k), n, k, words)
+            self._add(name, n, k, f"displacements along {', '.join(location.components)} [{system.units.of('m')}]")
             indices.append(location.indices.ravel())
-            at += n * k
-        self._count, self.moved = at, np.concatenate(indices)
+        self._count, self.moved = self._size, np.concatenate(indices)
         if basis is not None:  # the lifts of inputs are the last ones
-            self.moved = np.arange(len(basis.free.fixed) - at, len(basis.free.fixed))
+            self.moved = np.arange(len(basis.free.fixed) - self._count, len(basis.free.fixed))
         self._dofs: list[NDArray[np.int64]] = []
         self.pushed = _checked_names(
             "pushed", pushed, "['tip']. Name a location: mesh.with_boundaries({'tip': lambda x: x[0] == 1})."
@@ -87,10 +85,9 @@ class Inputs:
                 raise LoadError(f"pushed = {name!r}; expected a location with free nodes: supports constrain all of its nodes.")
             if name in self.known:
                 raise LoadError(f"pushed = {name!r}; expected another location: its displacements are inputs already.")
-            self.known[name] = Input(slice(at, at + d), 1, d, f"components of the total force [{system.units.of('N')}]")
+            self._add(name, 1, d, f"components of the total force [{system.units.of('N')}]")
             self._dofs.append(dofs)
-            at += d
-        self._forces, self.pushes = slice(self._count, at), bool(self.pushed)
+        self._forces, self.pushes = slice(self._count, self._size), bool(self.pushed)
         self.shapes = _checked_names("moved", shapes, "['ball']. Name a contact: RigidContact(..., name='ball').")
         contacts = {term.name: term.contact for term in rigid(system.contacts)}
         for name in self.shapes:
@@ -100,18 +97,20 @@ class Inputs:
                 raise ContactError(f"moved = {name!r}: {contacts[name].label} has a motion; expected motion=None, or another name.")
             if name in self.known:
                 raise StvkError(f"moved = {name!r}: a location is an input of this name; expected another name of the contact.")
-            self.known[name] = Input(
-                slice(at, at + d), 1, d, f"components of the displacement of the shape [{system.units.of('m')}]"
-            )
-            at += d
+            self._add(name, 1, d, f"components of the displacement of the shape [{system.units.of('m')}]")
         if taken := {"until", "self"} & self.known.keys():
             raise StvkError(f"An input is named {shown(min(taken))}, as an argument of step(); expected another name: rename it.")
         self._columns = None
         if basis is not None and self._dofs:
             self._columns = np.concatenate([basis.columns[dofs].mean(axis=0).T for dofs in self._dofs], axis=1)
-        self.values = np.zeros(at)
+        self.values = np.zeros(self._size)
         self.values.flags.writeable = False
         self._before, self._begin, self._end = self.values, 0.0, 0.0
+
+    def _add(self, name: str, nodes: int, components: int, words: str) -> None:
+        """Add an input after the others."""
+        end = self._size + nodes * components
+        self.known[name], self._size = Input(slice(self._size, end), nodes, components, words), end
 
     def changed(self, given: Mapping[str, Any]) -> Array:
         """Return the values (n,) with those that the user supplies by name.

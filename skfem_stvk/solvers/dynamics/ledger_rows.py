@@ -31,32 +31,6 @@ Vertices = Mapping[str, NDArray[np.int64]]
 NO_LOCATIONS: Mapping[str, Any] = MappingProxyType({})
 
 
-class Balance(NamedTuple):
-    """Energies that add up [J].
-
-        total_energy = kinetic + strain + potential
-        closure_error = total_energy - total_energy at the first step - external work + dissipated work + removed energy
-
-    The closure error is energy that was created or lost numerically, by the time integrator and by round-off. The forces of terms
-    without an energy count as external work.
-    """
-
-    total_energy: float
-    closure_error: float
-
-    @classmethod
-    def of(
-        cls, kinetic: float, strain: float, potential: float, external: float, dissipated: float, first: float | None
-    ) -> Balance:
-        """Return the balance of the present energies and of the works since the first step.
-
-        `first` is the total energy at the first step, None if this is the first step. Count the energy of removed elements in
-        `dissipated`.
-        """
-        total = kinetic + strain + potential
-        return cls(total, 0.0 if first is None else total - first - external + dissipated)
-
-
 def column_names(
     body: System | Coordinates, probes: Iterable[str] = (), reactions: Iterable[str] = (), *, removing: bool = False
 ) -> tuple[str, ...]:
@@ -76,7 +50,8 @@ def column_names(
         "dissipated_work",
         *((FRICTION,) if _has_friction(body) else ()),
         *((REMOVED,) if removing else ()),
-        *Balance._fields,
+        "total_energy",
+        "closure_error",
         INSIDE_OUT,
         *(f"linear_momentum_{axis}" for axis in axes),
         *(f"angular_momentum_{axis}" for axis in {"xy": "z", "xyz": axes}.get(axes, "")),
@@ -109,7 +84,7 @@ def known_strain(ledger: Mapping[str, Array]) -> Array:
 
 
 def known_total(ledger: Mapping[str, Array]) -> Array:
-    """Return the total energy (n,) [J], with the strain energy of the terms that have one. The sum is that of `Balance`."""
+    """Return the total energy (n,) [J], with the strain energy of the terms that have one. The sum is that of `LedgerWriter`."""
     total: Array = ledger["kinetic_energy"] + known_strain(ledger) + ledger["potential_energy"]
     return total
 
@@ -157,6 +132,12 @@ class LedgerLocations(NamedTuple):
 
 class LedgerWriter:
     """Recorder of the energies, works and momenta of a motion's states in its ledger.
+
+        total_energy = kinetic + strain + potential
+        closure_error = total_energy - total_energy at the first step - external work + dissipated work + removed energy
+
+    The closure error is energy that was created or lost numerically, by the time integrator and by round-off. The forces of terms
+    without an energy count as external work.
 
     When a motion is resumed, the ledger already has rows, and the last row belongs to the first state. `dt` is the approximate
     length of the first step [s]. `mean`: whether the forces of the integrator are means over a step.
@@ -236,13 +217,13 @@ class LedgerWriter:
         potential = motion.add_up(state, self._sums)
         sums = self._sums.tolist()
         kinetic = sums[0] / 2
-        balance = Balance.of(kinetic, strain_energy, potential, self.external, self.dissipated + self.removed, self._first)
-        if self._first is None:
-            self._first = balance.total_energy
+        total = kinetic + strain_energy + potential
+        closure = 0.0 if self._first is None else total - self._first - self.external + (self.dissipated + self.removed)
+        self._first = total if self._first is None else self._first
         row = [state.t, kinetic, strain_energy, *motion.term_energies(state.u, state.t)]
         inside_out = float(self.ledger.rows(self.ledger.steps - 1)[0, self._inside_out]) if self.ledger.steps else 0.0
         optional = *([self.friction] if self._has_friction else []), *([self.removed] if self._removing else [])
-        row += [potential, self.external, self.dissipated, *optional, *balance, inside_out]
+        row += [potential, self.external, self.dissipated, *optional, total, closure, inside_out]
         row += [*sums[1 : 1 + mesh.d], *sums[self._angular]]
         for displacements, count in zip(self._probes, self._probed, strict=True):
             row += list(mesh.space.comm.total(displacements(state.u).reshape(-1, mesh.d).sum(axis=0)) / count)

@@ -1,25 +1,33 @@
-"""The critical explicit step is 2/omega_max, the bound is below it, and longer steps are unstable."""
+"""The critical explicit step is 2/omega_max, the bound is below it, longer steps are unstable, and critical elements are named."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import skfem
-from bodies import MESHES, box, random_frames, some_voigt, state
+from bodies import MESHES, box, distorted, random_frames, some_voigt, state
 from scipy.spatial import Delaunay
 from slow import slow
 
 from skfem_stvk import (
     Anisotropic,
+    Corotated,
     ElasticFoundation,
     ElementMesh,
+    NeoHookean,
     RigidContact,
     RigidPlane,
+    SpringNetwork,
     StVK,
+    StvkError,
     System,
     VolumePenalty,
+    critical_elements,
+    critical_step,
 )
 from skfem_stvk.edges import ALL, NONE
 from skfem_stvk.mesh import box as solid
-from skfem_stvk.solvers.dynamics.critical_step import LargestFrequency, critical_step
+from skfem_stvk.solvers.dynamics.critical_step import LargestFrequency
 from skfem_stvk.solvers.dynamics.damping import EdgeDamping, Rayleigh
 from skfem_stvk.terms.loads.load import Assumed, Moment
 
@@ -86,21 +94,15 @@ def test_the_step_is_that_of_the_largest_eigenvalue(name, amount):
     assert 0.75 * exact < found.bound <= min(found.step, exact)
     assert found.omega == pytest.approx(2 / found.step) and found.omega_bound == pytest.approx(2 / found.bound)
     assert 0 < found.products < 100
+    if (name, amount) == ("tetrahedra, free", 0.5):
+        assert np.linalg.eigvalsh(K)[0] < -0.02 * np.linalg.eigvalsh(K)[-1]
 
 
-def test_some_tested_states_are_indefinite():
-    system = SYSTEMS["tetrahedra, free"]
-    (K, _, _), _ = matrices(system, state(system.mesh, 0.5) - 0.5 * system.mesh.p.ravel("F"))
-    assert np.linalg.eigvalsh(K)[0] < -0.02 * np.linalg.eigvalsh(K)[-1]
-
-
-def exact_with_damping(system, u, alpha, beta, tau):
+def exact_with_damping(K, D, m):
     """Return the critical step by bisection of `T^2 K + 2 T D <= 4 M`."""
-    (K, K0, KGN), m = matrices(system, u)
     low, high = 0.0, 2 / np.sqrt(largest(K, m))
-    for _ in range(60):
+    for _ in range(50):
         T = (low + high) / 2
-        D = alpha * np.diag(m) + beta * K0 + tau * KGN
         low, high = (T, high) if largest(T**2 * K + 2 * T * D, m) <= 4 else (low, T)
     return low
 
@@ -118,9 +120,10 @@ DAMPINGS = {
 @pytest.mark.parametrize("amount", AMOUNTS)
 @pytest.mark.parametrize("name", ["tetrahedra, held", slow("triangles, free"), slow("anisotropic"), "cable, free"])
 def test_damping_makes_the_step_smaller(name, amount, damping):
-    system, (given, factors) = SYSTEMS[name], DAMPINGS[damping]
+    system, (given, (alpha, beta, tau)) = SYSTEMS[name], DAMPINGS[damping]
     u = state(system.mesh, amount)
-    exact, undamped = exact_with_damping(system, u, *factors), critical_step(system, u)
+    (K, K0, KGN), m = matrices(system, u)
+    exact, undamped = exact_with_damping(K, alpha * np.diag(m) + beta * K0 + tau * KGN, m), critical_step(system, u)
     found = critical_step(system, u, damping=given)
     assert exact * (1 - 2 * BELOW) < found.step < exact * (1 + ABOVE) and found.step < 0.95 * undamped.step
     assert 0.6 * exact < found.bound <= exact
@@ -255,13 +258,9 @@ def test_edge_damping_makes_the_step_smaller_by_the_damped_terms_alone(name, ord
     u, m = 1e-3 * state(BLOCK, 0.2), np.repeat(bare.mass().vertex, 3)
     K = system.tangent(u, t=Moment(0.0, 1.0, contact=Assumed.TOUCHING)).toarray()
     for tau in (1e-4, 2e-3, 1e-2):
-        D = tau * bare.jacobian(u, kept=NONE).toarray()
-        low, high = 0.0, 2 / np.sqrt(largest(K, m))
-        for _ in range(40):
-            T = (low + high) / 2
-            low, high = (T, high) if largest(T**2 * K + 2 * T * D, m) <= 4 else (low, T)
+        exact = exact_with_damping(K, tau * bare.jacobian(u, kept=NONE).toarray(), m)
         found = critical_step(system, u, damping=EdgeDamping(tau))
-        assert low * (1 - 2 * BELOW) < found.step < low * (1 + ABOVE) and 0.6 * low < found.bound <= low
+        assert exact * (1 - 2 * BELOW) < found.step < exact * (1 + ABOVE) and 0.6 * exact < found.bound <= exact
 
 
 @pytest.mark.few
@@ -277,3 +276,112 @@ def test_the_factor_of_damped_terms_is_theirs_alone(name, order, free):
     assert np.abs(system.linear_operator(u, kept=damped) @ v - wanted @ v).max() < 1e-12 * np.abs(wanted @ v).max()
     K = system.jacobian(u, kept=damped, free=system.free_dofs(np.arange(9)) if free else None).toarray()
     assert np.abs(K - (wanted[np.ix_(some, some)] if free else wanted)).max() < 1e-12 * np.abs(wanted).max()
+
+
+RNG = np.random.default_rng(0)
+CELLS = {"quadrilaterals": skfem.MeshQuad().refined(2), "hexahedra": skfem.MeshHex().refined(1)}
+MORE = {name: ElementMesh.of(mesh) for name, mesh in CELLS.items()}
+MORE = {name: replace(mesh, p=distorted(mesh.p, RNG, 0.1)) for name, mesh in MORE.items()}
+MORE |= {f"quadratic {name}": MESHES[name].with_degree(2) for name in ("triangles", "tetrahedra", "segments", "cable")}
+ELEMENTS = MESHES | MORE
+
+
+def body(name, **more):
+    mesh = ELEMENTS[name]
+    rng = np.random.default_rng(1)
+    law = StVK(young=rng.uniform(1, 3, mesh.nt), poisson=0.35, density=rng.uniform(0.5, 2, mesh.nt))
+    return System(mesh, law, **more)
+
+
+def of_one(system, e):
+    """Return the step of one element, with K of a mesh of its own and the masses of the body."""
+    mesh, law = system.mesh, system.terms[0]
+    kept = np.unique(mesh.t[:, e])
+    t = np.searchsorted(kept, mesh.t[:, [e]])
+    one = ElementMesh(mesh.p[:, kept], t, element=mesh.element)
+    material = law.material
+    alone = System(one, StVK(young=material.young[e], poisson=0.35, density=material.density[e]), quadrature=system.quadrature)
+    K, m = alone.tangent(np.zeros(alone.ndofs)).toarray(), np.repeat(system.mass().vertex[kept], mesh.d)
+    return 2 / np.sqrt(np.linalg.eigvalsh(K / np.sqrt(np.outer(m, m)))[-1])
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_each_step_follows_from_the_own_stiffness_and_the_masses_of_the_body(name):
+    system = body(name)
+    found = critical_elements(system, 3)
+    for e in (0, system.mesh.nt // 2, int(found.elements[0])):
+        assert found.every[e] == pytest.approx(of_one(system, e), rel=1e-9)
+
+
+@pytest.mark.parametrize("quadrature", [None, slow("one-point"), "exact"])
+def test_steps_use_the_quadrature_of_the_system(quadrature):
+    system = body("hexahedra", quadrature=quadrature)
+    assert critical_elements(system).every[5] == pytest.approx(of_one(system, 5), rel=1e-9)
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("name", ELEMENTS)
+def test_the_step_of_the_body_does_not_exceed_that_of_an_element(name):
+    system = body(name, fixed={tuple(range(0, ELEMENTS[name].nv, 4)): "x"})
+    least, step = critical_elements(system, 1).steps[0], critical_step(system).step
+    assert step <= least * (1 + 1e-3)  # the tolerance of eigenvalues
+    assert least < 2.5 * step
+
+
+@pytest.mark.parametrize("height", [1e-3, 1e-5])
+def test_a_sliver_determines_the_step_of_the_body_to_five_percent(height):
+    """Steps from the element's own mass alone would be ten times too short."""
+    mesh = box(3)
+    p = mesh.p.copy()
+    a, b, c, apex = p[:, mesh.t[:, 40]].T
+    normal = np.cross(b - a, c - a)
+    p[:, mesh.t[3, 40]] = apex - (1 - height) * normal * (normal @ (apex - a)) / (normal @ normal)
+    system = System(replace(mesh, p=p), StVK(young=1.0, poisson=0.3, density=1.0))
+    found = critical_elements(system, 3)
+    assert found.elements[0] == 40
+    assert found.steps[0] == pytest.approx(critical_step(system).step, rel=0.05)
+
+
+def test_steps_depend_on_the_displacements():
+    system = body("tetrahedra")
+    stretched = 0.5 * system.mesh.p.ravel("F")
+    assert (critical_elements(system, u=stretched).every < critical_elements(system).every).all()
+
+
+def test_laws_and_penalties_add_up_and_other_terms_are_named():
+    mesh = box(2)
+    floor = ElementMesh.of(skfem.MeshTet(mesh.p, mesh.t).with_boundaries({"floor": lambda x: x[2] < 0.1}))
+    law = StVK(young=2.0, poisson=0.3, density=1.0)
+    plain = critical_elements(System(floor, law))
+    stiffer = critical_elements(System(floor, [law, VolumePenalty(50.0, kind="quadratic")]))
+    assert (stiffer.every < plain.every).all() and plain.left_out == stiffer.left_out == ()
+    bedded = System(floor, [law, ElasticFoundation("floor", stiffness=1e4)])
+    assert critical_elements(bedded).left_out == ("ElasticFoundation 1",)
+    np.testing.assert_array_equal(critical_elements(bedded).every, plain.every)
+    for other in (NeoHookean, Corotated):
+        np.testing.assert_allclose(critical_elements(System(floor, other(young=2.0, poisson=0.3, density=1.0))).every, plain.every)
+    with pytest.raises(StvkError, match="SpringNetwork 0: expected at least one term on elements"):
+        critical_elements(System(floor, SpringNetwork(young=2.0, poisson=0.25, density=1.0)))
+
+
+def test_a_stiff_element_is_found():
+    mesh = box(3)
+    young = np.ones(mesh.nt)
+    young[77] = 1e4
+    found = critical_elements(System(mesh, StVK(young=young, poisson=0.3, density=1.0)), 4)
+    assert found.elements[0] == 77 and found.steps[0] < 0.1 * found.steps[1] and "77" in repr(found)
+    assert (np.diff(found.steps) >= 0).all() and len(found.steps) == 4
+    np.testing.assert_array_equal(found.every[found.elements], found.steps)
+
+
+def test_constrained_removed_and_unused_elements_have_infinite_steps():
+    mesh = box(2)
+    constrained = tuple(mesh.t[:, 5].tolist())
+    system = System(mesh, StVK(young=1.0, poisson=0.3, density=1.0), fixed={constrained: "xyz"})
+    with_all = critical_elements(system).every
+    assert np.isinf(with_all[5]) and np.isfinite(np.delete(with_all, 5)).all()
+    system = system.without([7])
+    assert np.flatnonzero(np.isinf(critical_elements(system).every)).tolist() == [5, 7]
+    some = StVK(young=1.0, poisson=0.3, density=1.0, region=np.delete(np.arange(mesh.nt), 3))
+    assert np.flatnonzero(np.isinf(critical_elements(System(mesh, some)).every)).tolist() == [3]

@@ -186,23 +186,3 @@ def test_halves_of_a_step_move_the_shape_by_halves(monkeypatch):
         whole.step(ball=hand(i))
         half.step(ball=hand(i), until=whole.t)
     np.testing.assert_allclose(whole.u, half.u, rtol=0, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({"ball": (0, 0)}, r"ball has shape \(2,\); expected \(3,\) components of the displacement of the shape \[m\]"),
-        ({"ball": (0, np.nan, 0)}, r"ball is not finite in 1 entry \(1\)"),
-        ({"bal": (0, 0, 0)}, r"bal = \(0, 0, 0\); expected an input .*'ball'. Did you mean 'ball'\?.*moved=\['ball'\]"),
-    ],
-)
-def test_a_wrong_displacement_is_refused_before_the_step(given, words):
-    sim, other = (Simulation(pressed(), BackwardEuler(DT), moved=["ball"]) for _ in range(2))
-    for i in range(4):
-        sim.step(ball=hand(i))
-        other.step(ball=hand(i))
-    with pytest.raises(StvkError, match=words):
-        sim.step(**given)
-    sim.step()
-    other.step()
-    assert np.array_equal(state_of(sim), state_of(other))

@@ -224,6 +224,16 @@ REFUSALS = [
     ),
     (StvkError, r"moved = 'ball'; expected a list of different names, such as \['ball'\]. Name a contact", lambda: balls("ball")),
     (StvkError, "moved = 'right': a location is an input of this name", lambda: balls(["right"], name="right")),
+    (
+        StvkError,
+        r"ball has shape \(1,\); expected \(2,\) components of the displacement of",
+        lambda: balls(["ball"]).step(ball=(0,)),
+    ),
+    (
+        StvkError,
+        r"bal = \(0, 0\); expected an input .*Did you mean 'ball'\?.*moved=\['ball'\]",
+        lambda: balls(["ball"]).step(bal=(0, 0)),
+    ),
     (FrozenInstanceError, "alpha", lambda: setattr(Rayleigh(0.1, np.float64(0.2)), "alpha", 3.0)),
 ]
 

@@ -195,38 +195,16 @@ def test_a_restored_state_is_that_before_elements_were_removed(integrator, ledge
     assert_same(*found)
 
 
-def others(system):
-    """Return simulations that differ from `Simulation(system, BackwardEuler(DT))` in one respect each, or in none."""
-    mesh, weight = system.mesh, Gravity((0.3, -1.0, 0.5))
-    held = {"fixed": {"left": "xyz"}, "prescribed": {"right": "xyz"}}
-    return {
-        "the same": Simulation(system, BackwardEuler(DT)),
-        "law": Simulation(System(mesh, [material(mesh, 2.0), weight], **held), BackwardEuler(DT)),
-        "load": Simulation(System(mesh, [material(mesh, 3.0), Gravity((0, 1.0, 0))], **held), BackwardEuler(DT)),
-        "supports": Simulation(System(mesh, system.terms, {"left": "xy"}, prescribed={"right": "xyz"}), BackwardEuler(DT)),
-        "step": Simulation(system, BackwardEuler(2 * DT)),
-        "integrator": Simulation(system, Newmark(DT)),
-        "mass": Simulation(system, BackwardEuler(DT), mass="consistent"),
-        "damping": Simulation(system, BackwardEuler(DT), damping=BOTH),
-        "start": Simulation(system, BackwardEuler(DT), t0=1.0),
-        "pushed": Simulation(system, BackwardEuler(DT), pushed=["middle"]),
-        "ledger": Simulation(system, BackwardEuler(DT), ledger=True),
-    }
-
-
 def test_states_of_other_simulations_are_refused_before_anything_changes():
     system = gripped()
-    sim = Simulation(system, BackwardEuler(DT))
+    sim, other, same = (Simulation(system, BackwardEuler(DT)) for _ in range(3))
     sim.step(right=hand(3))
+    other.step(right=hand(5))
     before = state_of(sim)
-    for name, other in others(system).items():
-        other.step(right=hand(5))
-        with pytest.raises(StvkError, match=r"restore\(a state of another simulation\); expected a result of copy_state"):
-            sim.restore(other.copy_state())
-        assert_same(state_of(sim), before)
-        assert sim.system is not other.system or name != "law"
+    with pytest.raises(StvkError, match=r"restore\(a state of another simulation\); expected a result of copy_state"):
+        sim.restore(other.copy_state())
+    assert_same(state_of(sim), before)
     sim.step(right=hand(4))
-    same = Simulation(system, BackwardEuler(DT))
     for i in (3, 4):
         same.step(right=hand(i))
     assert_same(state_of(sim), state_of(same))
