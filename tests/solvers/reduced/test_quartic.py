@@ -5,6 +5,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 import pytest
 from bodies import BODIES, CURVED, MESHES, STRAIGHT, box, some_voigt
+from slow import slow
 
 from skfem_stvk import Anisotropic, EdgeNetwork, ElasticFoundation, LinearElastic, StVK, System
 from skfem_stvk.kernels import reduced as kernels
@@ -35,7 +36,7 @@ def test_the_quartic_is_the_energy_of_simplices_of_all_kinds_and_materials(name)
         assert max(errors(System(*BODIES[name]), size)) < 1e-13
 
 
-@pytest.mark.few
+@pytest.mark.few(2)
 @pytest.mark.parametrize("rule", [None, "exact"])
 @pytest.mark.parametrize("name", CURVED)
 def test_the_quartic_is_the_energy_of_elements_with_several_points(name, rule):
@@ -48,7 +49,7 @@ def test_the_quartic_is_the_energy_of_straight_elements_with_several_points(name
     assert max(errors(System(STRAIGHT[name], StVK(young=2.0, poisson=0.3)))) < 1e-13
 
 
-@pytest.mark.parametrize("name", ["hexahedra", "quadrilaterals"])
+@pytest.mark.parametrize("name", [slow("hexahedra"), "quadrilaterals"])
 def test_the_quartic_includes_the_hourglass_resistance(name):
     assert max(errors(System(CURVED[name], StVK(young=2.0, poisson=0.3), quadrature="one-point"))) < 1e-13
 
