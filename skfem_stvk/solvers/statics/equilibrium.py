@@ -1,4 +1,4 @@
-"""Equilibrium of a body as a nonlinear problem: its residual and tangents, the tangent of its path, and states in a plane across it."""
+"""Equilibrium of a body as a nonlinear problem: residual and tangents, the tangent of its path, states in a plane across it."""
 
 from __future__ import annotations
 
