@@ -59,17 +59,6 @@ def test_without_the_geometric_term_K_is_right_at_rest_only():
     assert states == {"rest", "rigid rotation"}
 
 
-def test_a_right_candidate_passes():
-    report = checked(System(MESH, TERM))
-    assert report.passed
-    assert {r.check for r in report.results if r.subject == "candidate"} >= {
-        "agreement",
-        "derivatives",
-        "closed forms",
-        "patch test",
-    }
-
-
 def test_an_error_of_single_precision_in_W_only_is_caught():
     class Rounded(System):
         def energy(self, u):
