@@ -140,8 +140,7 @@ class Vectors:
     @property
     def term(self) -> StVK:
         """St. Venant-Kirchhoff term with its constants. A constant is one number if it is the same in all elements."""
-        constants = (self.arrays[name] for name in ("young", "poisson", "section"))
-        young, poisson, section = (float(one[0]) if (one == one[0]).all() else one for one in constants)
+        young, poisson, section = (_one_if_same(self.arrays[name]) for name in ("young", "poisson", "section"))
         if np.isnan(poisson).all():
             poisson = None
         sections = {1: {"area": section}, 2: {"thickness": section}}.get(self.mesh.k, {})
@@ -481,3 +480,7 @@ def _points(discretisation: Discretisation, exact: ExactStVK) -> dict[str, Any]:
     inverse, volumes = exact.inverse_triangles()
     dN = derivatives(discretisation.kind, xi).astype(float)
     return {"points": xi.T, "weights": weights, "dN": dN, "R_inverse": inverse, "volumes": volumes}
+
+
+def _one_if_same(values: Array) -> Any:
+    return float(values[0]) if (values == values[0]).all() else values

@@ -8,7 +8,7 @@ from skfem_stvk import ElementMesh, StVK, StvkError, System, embedded_mesh, veri
 from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.results import CheckOutcome
 
-MESH = box(4)
+MESH = box(3)
 TERM = StVK(young=2.0, poisson=0.3)
 
 
