@@ -1,4 +1,4 @@
-"""Natural modes of vibration: the eigenpairs of (K, M) next to zero, by Lanczos' or Arnoldi's method on the inverse of a shifted K."""
+"""Natural modes of vibration: the eigenpairs of (K, M) next to zero, by Lanczos' or Arnoldi's method on a shifted inverse of K."""
 
 from __future__ import annotations
 
