@@ -11,8 +11,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, lobpcg
 
 from ...arguments import Array
 from ...linear import Kind
-from ...linear.choose import direct
-from ...linear.inertia import COUNTED, ROUNDING, eigenvalues_below, shifted
+from ...linear.choose import COUNTED, ROUNDING, direct, eigenvalues_below, shifted
 from .newton import usable
 from .problem import EigenProblem, Tangent
 

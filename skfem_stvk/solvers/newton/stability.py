@@ -10,8 +10,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs
 
 from ...arguments import Array
 from ...linear import Factors, Kind, Outcome, Solution, SuperLU, Unknowns
-from ...linear.choose import direct
-from ...linear.inertia import COUNTED, ROUNDING, eigenvalues_below, inertia, transposition
+from ...linear.choose import COUNTED, ROUNDING, direct, eigenvalues_below, inertia, transposition
 from ...space import Space
 from .eigen import lowest_mode, rounding
 from .problem import EigenProblem
