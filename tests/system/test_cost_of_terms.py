@@ -40,7 +40,7 @@ from skfem_stvk import (
 from skfem_stvk.edges import assembly, stiffness
 from skfem_stvk.kernels import element_assembly as element_kernels
 from skfem_stvk.mesh import ElementMesh
-from skfem_stvk.system import pattern, system
+from skfem_stvk.system import pattern
 
 ELASTIC = {"young": 1e5, "poisson": 0.3, "density": 1000.0}
 FIXED = {"left": "xyz"}
@@ -180,32 +180,6 @@ def test_a_load_creates_no_blocks_of_the_body(kind):
     assert {part: loaded[part] for part in ("elements", "pattern of K", "mass")} == {
         part: plain[part] for part in ("elements", "pattern of K", "mass")
     }
-
-
-def test_two_laws_on_two_regions_cost_as_much_as_two_bodies():
-    mesh = bar(10)
-    rest = np.setdiff1d(np.arange(mesh.nt), mesh.elements("end"))
-    laws = StVK(**ELASTIC, region=rest), NeoHookean(young=3e5, poisson=0.45, density=1.0, region="end")
-    u = 0.02 * np.sin(np.arange(mesh.p.size))
-    both = System(mesh, list(laws))
-    with pytest.warns(match="in no term"):
-        alone = [System(mesh, law) for law in laws]
-    assert both.energy(u) == pytest.approx(sum(one.energy(u) for one in alone), rel=1e-13)
-    assert (
-        np.abs(both.internal_force(u) - sum(one.internal_force(u) for one in alone)).max()
-        < 1e-11 * np.abs(both.internal_force(u)).max()
-    )
-    assert abs(both.tangent(u) - alone[0].tangent(u) - alone[1].tangent(u)).max() < 1e-12 * abs(both.tangent(u)).max()
-    assert alone[0].energy(u) > 0.1 * both.energy(u) and alone[1].energy(u) > 0.01 * both.energy(u)
-
-
-def test_energy_and_force_need_no_pattern_and_no_blocks(monkeypatch):
-    body = System(bar(10), [StVK(**ELASTIC), Pressure("right", 100.0)], FIXED)
-    monkeypatch.setattr(system, "Pattern", refused)
-    monkeypatch.setattr(element_kernels, "linearize", refused)
-    u = np.zeros(body.ndofs)
-    body.energy(u), body.internal_force(u), body.residual(u)
-    assert body.memory()["pattern of K"] == body.memory()["rows of K"] == body.memory()["blocks of edges"] == 0
 
 
 def test_springs_alone_need_no_data_of_simplices(monkeypatch):

@@ -118,13 +118,6 @@ def test_one_matrix_can_be_filled_repeatedly():
         assert is_slice(Kff, K, HELD.free)
 
 
-def test_values_are_written_to_the_given_matrix():
-    K = SOLID.tangent(state(SOLID.mesh))
-    Kff = HELD.matrix(0 * K)
-    data = Kff.data
-    assert HELD.matrix(K, out=Kff).data is data and np.array_equal(data, HELD.matrix(K).data)
-
-
 def test_changes_of_a_restricted_matrix_do_not_affect_the_next():
     K = SOLID.tangent(state(SOLID.mesh))
     spoiled = HELD.matrix(K)
@@ -177,11 +170,6 @@ def test_names_predicates_and_components_by_location_are_accepted():
     assert np.array_equal(body.free_dofs({"left": "y"}).fixed, 3 * left + 1)
     supports = System(mesh, StVK(young=2.0, poisson=0.3), fixed=[(left, "y")]).supports
     assert np.array_equal(supports.fixed, 3 * left + 1) and body.free_dofs(left).fixed.tolist() == left.tolist()
-
-
-def test_with_nothing_fixed_the_matrix_is_K():
-    K = SOLID.tangent(state(SOLID.mesh))
-    assert is_slice(SOLID.free_dofs([]).matrix(K), K, np.arange(N))
 
 
 @pytest.mark.parametrize(

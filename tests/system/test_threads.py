@@ -189,19 +189,6 @@ def test_work_is_shared_again_when_the_number_changes(monkeypatch):
     assert shares[0] == shares[4] == 0 < shares[2] < shares[1] == shares[3]
 
 
-@pytest.mark.parametrize("n", [2, 5])
-def test_preparing_again_with_another_number_does_not_affect_other_operators(n, monkeypatch):
-    mesh, terms = BODIES["tetrahedra, isotropic"]
-    u, v, body = state(mesh), state(mesh, seed=9), System(mesh, terms)
-    operator = body.linear_operator(u)
-    before = operator @ v
-    in_parts(monkeypatch, n)
-    body.tangent(-u)
-    body.product(2 * u, v)
-    body.linear_operator(-3 * u)
-    assert_close([before], [operator @ v])
-
-
 def test_threads_that_request_the_pattern_at_the_same_time_get_one(monkeypatch):
     """Threads that request the pattern at the same time get one pattern.
 
