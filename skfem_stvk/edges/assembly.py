@@ -71,12 +71,10 @@ class Assembly(PairTerm, BoundElements):
         super().__init__(self.elements.own.lock)
         n = len(order.elements)
         numbers = stored.numbers(p, quadrature, order, dtype).astype(self.dtype)
-        self.points, D = self.elements.in_points(numbers)
+        self.points, self._D = self.elements.in_points(numbers)
         if n:
-            last = D[-len(numbers) * LANES :] if self.points is None else D[self.points.starts[-2] :]
+            last = self._D[-len(numbers) * LANES :] if self.points is None else self._D[self.points.starts[-2] :]
             last.reshape(-1, LANES)[:, n - (len(self.elements.t) - 1) * LANES :] = 0  # its unused lanes have no stiffness
-        #: The law of the kernels with its numbers `D`.
-        self.law: Any = stored.law(D)
         self.removed: NDArray[np.bool_] | None = None
         self._t_of_volumes = self.elements.t
         if stored.infinite_energy:  # for its messages
@@ -89,16 +87,16 @@ class Assembly(PairTerm, BoundElements):
         The numbers of removed elements are zero, like those of the unused lanes of the last block. They have neither energy nor
         stiffness, and the pattern stays as it is. They have no volume that could be lost and no stretch: both count as infinite.
         """
-        remaining, elements, D = copy(self), self.elements, self.law.D.copy()
-        remaining.removed, remaining.law, remaining._t_of_volumes = removed, self.law._replace(D=D), elements.t.copy()
+        remaining, elements = copy(self), self.elements
+        remaining.removed, remaining._D, remaining._t_of_volumes = removed, self._D.copy(), elements.t.copy()
         for name in ("nodes_joined", "form"):
             remaining.__dict__.pop(name, None)
         block, lane = np.divmod(np.flatnonzero(removed[elements.elements]), LANES)
         blocks = len(elements.t)
-        starts = np.arange(blocks + 1) * (len(D) // blocks) if self.points is None else self.points.starts
+        starts = np.arange(blocks + 1) * (len(self._D) // blocks) if self.points is None else self.points.starts
         first, count = starts[block] // LANES, np.diff(starts)[block] // LANES
         rows = np.repeat(first - (np.cumsum(count) - count), count) + np.arange(count.sum())
-        D.reshape(-1, LANES)[rows, np.repeat(lane, count)] = 0
+        remaining._D.reshape(-1, LANES)[rows, np.repeat(lane, count)] = 0
         if isinstance(self.points, MeanPoints):
             remaining.points = self.points._replace(hourglass_stiffness=self.points.hourglass_stiffness.copy())
             remaining.points.hourglass_stiffness[block, lane] = 0
@@ -119,6 +117,11 @@ class Assembly(PairTerm, BoundElements):
     def pairs(self) -> PairBlocks:
         """Products and matrices of the blocks."""
         return PairBlocks(self.elements.own, self.elements.edges, self.elements.d)
+
+    @property
+    def law(self) -> Any:
+        """The law of the kernels with its numbers."""
+        return self.stored.law(self._D)
 
     def run(
         self, kernel: Callable[..., Any], force: Array | None, *more: Any, law: Any = None, to: tuple[Any, ...] = ()
@@ -258,7 +261,7 @@ class Assembly(PairTerm, BoundElements):
     def memory(self) -> dict[str, int]:
         """Return the bytes of its arrays, by part."""
         parts = {"edges of the mesh": self.nodes_paired.nbytes} | self.elements.memory()
-        parts["elements"] += self.law.D.nbytes
+        parts["elements"] += self._D.nbytes
         return parts | {"blocks of edges": nbytes(list(self._scratch.values()))}
 
 

@@ -263,11 +263,11 @@ class BoundInFrames(BoundEnergyOfStretches):
         """Return the term with its frames in their orientation at a moment."""
         elements, m, _ = self.elements, law_size(self.law), self.pairs  # made once for all times
         rotated = copy(self)
-        rotated.law = self.law._replace(D=self.law.D.copy())
+        rotated._D = self._D.copy()
         assert isinstance(self.stored, FramedStiffness)
         R = in_lanes(self.stored.frames(moment).reshape(-1, 9)[elements.elements].T.astype(self.dtype)).reshape(-1, 9, LANES)
         counts = 1 if self.points is None else np.diff(self.points.starts) // (m * LANES)
-        rotated.law.D.reshape(-1, m, LANES)[:, 8:] = np.repeat(R, counts, axis=0)
+        rotated._D.reshape(-1, m, LANES)[:, 8:] = np.repeat(R, counts, axis=0)
         return rotated
 
 

@@ -146,7 +146,7 @@ def test_partly_curved_meshes_store_one_frame_or_one_for_each_point():
     for name, mesh in CURVED.items():
         assert len(set(np.diff(LAWS["isotropic"].bind(mesh).points.starts))) == 1, name
     straight, curved = (LAWS["isotropic"].bind(meshes["quadratic tetrahedra"]) for meshes in (STRAIGHT, CURVED))
-    assert 4 * straight.law.D.size == curved.law.D.size
+    assert 4 * straight._D.size == curved._D.size
 
 
 @pytest.mark.few

@@ -499,7 +499,7 @@ def test_a_retained_stiffness_of_a_removed_element_is_found():
     """A planted fault is found: one removed element of a block retains its coefficients."""
     pair = Pair("tetrahedra", loads=False)
     term = pair.whole.bound_terms[0]
-    kept = term.law.D.copy()
+    kept = term._D.copy()
     term = pair.remove().whole.bound_terms[0]
     u = state(pair.mesh)
     wanted = pair.part.internal_force(u[pair.dofs])
@@ -507,7 +507,7 @@ def test_a_retained_stiffness_of_a_removed_element_is_found():
     own = int(np.flatnonzero(term.elements.elements == pair.out[0])[0])
     block, lane = divmod(own, LANES)
     numbers = slice(block * (len(kept) // len(term.elements.t)) + lane, (block + 1) * (len(kept) // len(term.elements.t)), LANES)
-    term.law.D[numbers] = kept[numbers]
+    term._D[numbers] = kept[numbers]
     assert not alike(pair.whole.internal_force(u)[pair.dofs], wanted, 1e-3)
 
 
