@@ -1,15 +1,13 @@
-"""Arrays, kernels, patterns and masses of a body are those of its terms and analyses only.
+"""Arrays, patterns and masses of a body are those of its terms and analyses only.
 
 `tests/test_imports.py` checks in new processes which packages and modules each use imports.
 """
 
 import tracemalloc
-from functools import partial
 
 import numpy as np
 import pytest
 import skfem
-from kernels.parts import kernels_run
 
 from skfem_stvk import (
     BodyForce,
@@ -65,12 +63,6 @@ OTHERS = {
     Pressure: Pressure("right", 100.0),
     Traction: Traction("right", (0.0, 0.0, -1.0)),
 }
-#: Kernels that run only for one term of the tables above.
-OWN = {
-    SpringNetwork: {"springs"},
-    EdgeNetwork: {"elongate", "pull"},
-    VolumePenalty: {"penalty_energy_and_force", "penalty_linearize"},
-}
 
 
 def bar(n=40, across=2):
@@ -115,22 +107,6 @@ def test_a_plain_body_has_the_bytes_of_its_memory():
     reported = body.memory()
     assert reported["mass"] == reported["product"] == 0
     assert held - (sum(reported.values()) - reported["mesh"]) < 0.8 * body.ndofs * 8
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("kind", [*ELEMENTS, *OTHERS], ids=lambda kind: kind.__name__)
-def test_without_a_term_its_kernels_do_not_run_and_its_arrays_do_not_exist(kind):
-    mesh = bar(10)
-    term = ELEMENTS[kind](mesh, None) if kind in ELEMENTS else OTHERS[kind]
-    without = partial(System, mesh, StVK(**ELASTIC), FIXED)
-    with kernels_run() as plain:
-        bytes_without = sum(used(without()).memory().values())
-    with kernels_run() as both:
-        used(System(mesh, [StVK(**ELASTIC), term], FIXED))
-    with kernels_run() as again:
-        assert sum(used(without()).memory().values()) == bytes_without
-    own = OWN.get(kind, set())
-    assert own <= both - plain and again == plain and not plain & set().union(*OWN.values())
 
 
 @pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.__name__)
@@ -190,9 +166,7 @@ def test_springs_alone_need_no_data_of_simplices(monkeypatch):
         monkeypatch.setattr(assembly, name, refused)
     monkeypatch.setattr(stiffness, "frames_at", refused)
     monkeypatch.setattr(StVK, "coefficients", refused)
-    with kernels_run() as ran:
-        body = used(System(mesh, SpringNetwork(stiffness=np.full(edges, 9.0)), FIXED))
-    assert "springs" in ran and not ran & {"energy_and_force", "linearize"}
+    body = used(System(mesh, SpringNetwork(stiffness=np.full(edges, 9.0)), FIXED))
     assert "elements" not in body.memory()
 
 

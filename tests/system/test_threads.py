@@ -62,18 +62,6 @@ def test_results_are_the_same_to_the_last_bit_from_run_to_run(name, n, threads):
         assert np.array_equal(a, b)
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("name", BODIES)
-def test_any_number_of_parts_gives_the_same_results(name, monkeypatch):
-    mesh, terms = BODIES[name]
-    u, v, body = state(mesh), state(mesh, seed=9), System(mesh, terms)
-    in_parts(monkeypatch, 1)
-    alone = results(body, u, v)
-    for n in (2, 3, 64):
-        in_parts(monkeypatch, n)
-        assert_close(alone, results(body, u, v))
-
-
 @needs_two
 def test_meshes_that_are_large_enough_are_shared(threads, monkeypatch):
     monkeypatch.setattr(kernel_threads, "SMALLEST_PART", 2000)
