@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from copy import copy
+from functools import partial
 from math import nan
 from typing import Any, TypeVar
 
@@ -379,7 +380,7 @@ class System(BoundTerms):
         """
         self._refuse_without_energy()
         force = np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
-        energy, K = self._assembled(u, t, out, force)
+        energy, K = self._assembled(u, t, out, force=force)
         return energy, self.space.share(force).ravel(), K
 
     @locked
@@ -466,7 +467,7 @@ class System(BoundTerms):
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
         """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]."""
-        return self._assembled(u, t, out, None, _checked_tensions(kept), self._follower_loads, free)[1]
+        return self._assembled(u, t, out, kept=_checked_tensions(kept), loads=self._follower_loads, free=free)[1]
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
         """Return `-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead.
@@ -680,6 +681,7 @@ class System(BoundTerms):
         u: ArrayLike,
         t: Time,
         out: csr_matrix | None,
+        *,
         force: Array | None = None,
         kept: Tensions = ALL,
         loads: Sequence[AccumulatedBlocks] = (),
@@ -710,10 +712,11 @@ class System(BoundTerms):
         if free is not None:
             if self._follower_loads or not all(term.by_rows(kept) for term in self.pair_terms):
                 whole = self._whole if self.pattern.fits(self._whole, self.dtype) else None
-                energy, self._whole = self._assembled(u, t, whole, force, kept, loads)
+                energy, self._whole = self._assembled(u, t, whole, force=force, kept=kept, loads=loads)
                 return energy, free.matrix(self._whole, K)
             rows = [one.part(indices) for one in rows]
-        energy = self.space.comm.sum_of(self._fill, self.pairs_at(t), x, K.data, rows, force, kept, free)
+        fill = partial(self._fill, self.pairs_at(t), x, K.data, rows, force=force, kept=kept, free=free)
+        energy = self.space.comm.sum_of(fill)
         for load, rows_of_load in zip(loads, rows_of_loads, strict=bool(loads)):
             load.add_stiffness(x, moment, rows_of_load, K.data)
         return energy, K
@@ -724,6 +727,7 @@ class System(BoundTerms):
         x: Array,
         data: Array,
         rows_of_terms: Sequence[Any],
+        *,
         force: Array | None,
         kept: Tensions,
         free: FreeDofs | None,
