@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from copy import copy
-from functools import partial
 from math import nan
 from typing import Any, TypeVar
 
@@ -381,7 +380,7 @@ class System(BoundTerms):
         self._refuse_without_energy()
         force = np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
         energy, K = self._assembled(u, t, out, force=force)
-        return energy, self.space.share(force).ravel(), K
+        return self.space.comm.total(energy), self.space.share(force).ravel(), K
 
     @locked
     def product(self, u: ArrayLike, v: ArrayLike, t: Time = 0.0) -> Array:
@@ -675,7 +674,6 @@ class System(BoundTerms):
         refuse_overflow(force, "F", x)
         return float(energy)
 
-    @locked
     def _assembled(
         self,
         u: ArrayLike,
@@ -687,38 +685,39 @@ class System(BoundTerms):
         loads: Sequence[AccumulatedBlocks] = (),
         free: FreeDofs | None = None,
     ) -> tuple[float, csr_matrix]:
-        """Return W and K, with the stiffness of these follower `loads`. The internal force is added to `force` if given.
+        """Return W of this part of a body and K, with the stiffness of follower `loads`. Add the internal force to `force`, if given.
 
         K over the `free` degrees of freedom is filled directly if all contributions support this. Otherwise it is a part of the
         whole K.
         """
         x, moment = self._state(u), self._moment(t)
-        self.look(u, t)
-        structure: Structure = self.pattern
-        rows, rows_of_loads = self._rows()
-        if free is not None:
-            if not isinstance(free, FreeDofs) or free.pattern is not structure:
+        with self._lock:
+            self.look(u, t)
+            structure: Structure = self.pattern
+            rows, rows_of_loads = self._rows()
+            if free is not None:
+                if not isinstance(free, FreeDofs) or free.pattern is not structure:
+                    raise StvkError(
+                        f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has "
+                        "another pattern."
+                    )
+                structure, indices = free.restriction()
+            if out is not None and not structure.fits(out, self.dtype):
                 raise StvkError(
-                    f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has "
-                    "another pattern."
+                    f"out = {shown(out)} does not have the pattern and type of this system's K ({structure.shape}, "
+                    f"{structure.nnz} values of {self.dtype}). Pass a matrix that tangent() returned, with its zeros."
                 )
-            structure, indices = free.restriction()
-        if out is not None and not structure.fits(out, self.dtype):
-            raise StvkError(
-                f"out = {shown(out)} does not have the pattern and type of this system's K ({structure.shape}, "
-                f"{structure.nnz} values of {self.dtype}). Pass a matrix that tangent() returned, with its zeros."
-            )
-        K = structure.matrix(np.empty(structure.nnz, dtype=self.dtype)) if out is None else out
-        if free is not None:
-            if self._follower_loads or not all(term.by_rows(kept) for term in self.pair_terms):
-                whole = self._whole if self.pattern.fits(self._whole, self.dtype) else None
-                energy, self._whole = self._assembled(u, t, whole, force=force, kept=kept, loads=loads)
-                return energy, free.matrix(self._whole, K)
-            rows = [one.part(indices) for one in rows]
-        fill = partial(self._fill, self.pairs_at(t), x, K.data, rows, force=force, kept=kept, free=free)
-        energy = self.space.comm.sum_of(fill)
-        for load, rows_of_load in zip(loads, rows_of_loads, strict=bool(loads)):
-            load.add_stiffness(x, moment, rows_of_load, K.data)
+            K = structure.matrix(np.empty(structure.nnz, dtype=self.dtype)) if out is None else out
+            if free is not None:
+                if self._follower_loads or not all(term.by_rows(kept) for term in self.pair_terms):
+                    whole = self._whole if self.pattern.fits(self._whole, self.dtype) else None
+                    energy, self._whole = self._assembled(u, t, whole, force=force, kept=kept, loads=loads)
+                    return energy, free.matrix(self._whole, K)
+                rows = [one.part(indices) for one in rows]
+            with self.space.comm.together():
+                energy = self._fill(self.pairs_at(t), x, K.data, rows, force=force, kept=kept, free=free)
+            for load, rows_of_load in zip(loads, rows_of_loads, strict=bool(loads)):
+                load.add_stiffness(x, moment, rows_of_load, K.data)
         return energy, K
 
     def _fill(
