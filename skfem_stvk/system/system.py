@@ -685,7 +685,7 @@ class System(BoundTerms):
         loads: Sequence[AccumulatedBlocks] = (),
         free: FreeDofs | None = None,
     ) -> tuple[float, csr_matrix]:
-        """Return W of this part of a body and K, with the stiffness of follower `loads`. Add the internal force to `force`, if given.
+        """Return W of this part of a body, and K with the stiffness of follower `loads`. Add the internal force to `force`.
 
         K over the `free` degrees of freedom is filled directly if all contributions support this. Otherwise it is a part of the
         whole K.
