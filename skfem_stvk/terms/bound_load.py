@@ -8,8 +8,9 @@ from typing import Any, ClassVar, TypeGuard
 from ..arguments import Array, own
 from ..edges import NodeBlocks
 from ..edges.bound_term import Bound, PlainBound
+from ..mesh import ElementMesh
 from .body import Body
-from .loads.load import Time, check_constants
+from .loads.load import Time, Value, check_constants
 from .term import TermOrLoad
 
 
@@ -76,6 +77,11 @@ class Load(TermOrLoad, ABC):
     @abstractmethod
     def bind(self, body: Body) -> BoundLoad:
         """Return the load on this body; raise RegionError or LoadError if it does not apply there."""
+
+    def value(self, mesh: ElementMesh, x: Array, what: str, shape: tuple[int, ...] | None = None) -> Value:
+        """Return its values at the nodes `x` (d, n) as a function of time; by default components. Messages begin with `what`."""
+        given, divided = getattr(self, self.given_by), mesh.space.comm.divided
+        return Value(given, (mesh.d,) if shape is None else shape, x, what, name=self.given_by, divided=divided)
 
 
 def is_load(term: Any) -> TypeGuard[Load]:

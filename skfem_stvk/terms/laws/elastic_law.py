@@ -90,14 +90,6 @@ class ElasticLaw(Specification, Term):
         return law
 
     def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
-        """Return the hypothesis: the components of strain or stress that vanish across the elements of this mesh.
-
-        Raises
-        ------
-        MaterialError
-            if `plane`, `thickness` or `area` does not apply to them; if the law has its own simplices, which a `System`
-            connects.
-        """
         if self.simplices is not None:
             raise MaterialError(
                 f"{type(self).__name__} has simplices of its own; expected a law on the elements of a mesh. A System connects "
@@ -116,7 +108,6 @@ class ElasticLaw(Specification, Term):
         return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """Return the assembly of this law on a body's mesh."""
         body = body if isinstance(body, Body) else Body(body, [])
         mesh, elements, hourglass = body.mesh, body.mesh.elements(self.region), body.quadrature.hourglass
         t = mesh.t if self.region is None else mesh.t[:, elements]
@@ -133,7 +124,13 @@ class ElasticLaw(Specification, Term):
 
     @abstractmethod
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the law of the kernels, with its stored numbers of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
 
     def lame(self, mesh: ElementMesh, hypothesis: Hypothesis | None = None) -> tuple[Array, Array]:
         """Return `lam` and `mu` (n,) times section under a hypothesis, by default that of the elements.
@@ -152,13 +149,6 @@ class ElasticLaw(Specification, Term):
         return lam, mu
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,).
-
-        Raises
-        ------
-        MaterialError
-            if the material has no density.
-        """
         assert self.material is not None
         if self.material.density is None:
             region = f" on {self.region!r}" if isinstance(self.region, str) else ""
@@ -182,7 +172,6 @@ class ElasticLaw(Specification, Term):
         return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return the factor from the size of an element to its volume: thickness, area, or 1; a number or (n,)."""
         name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
         section = np.asarray(1.0 if value is None else value)
         check_length(section, n, name)

@@ -88,13 +88,6 @@ class NeoHookean(ElasticLaw):
     assembly = BoundEnergyOfStrain
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the law of the kernels, with its stored numbers of each element of the region.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        """
         hypothesis = self.hypothesis(mesh)
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:
             raise MaterialError("NeoHookean is for solids and surfaces; the mesh has segments. Take StVK for cables and bars.")
@@ -107,18 +100,6 @@ class NeoHookean(ElasticLaw):
         return NeoHookeanStiffness(lam, mu, hypothesis.condensed)
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `Term`.
-
-        Parameters
-        ----------
-        at
-            Deformation of the elements at a point of each.
-
-        Raises
-        ------
-        StateError
-            for inverted or flat elements.
-        """
         assert isinstance(self.material, Isotropic)
         (n, d, k), (lam, mu) = at.gradient.shape, self.material.lame(Hypothesis.SOLID)
         lam, mu, strain = np.broadcast_to(lam, n), np.broadcast_to(mu, n), embedded(at.strain)

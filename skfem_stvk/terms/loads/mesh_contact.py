@@ -123,15 +123,6 @@ class MeshContact(Specification, Term):
         return f"MeshContact {self.name!r}"
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundMeshContact:
-        """Return the contact of a body.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         body = body if isinstance(body, Body) else Body(body, [])
         d = body.mesh.d
         if d == 1:
@@ -419,7 +410,6 @@ class BoundMeshContact(BoundContact):
         return found
 
     def look(self, u: Array) -> None:
-        """Couple the pairs of nodes that the stiffness at `u` (nv, d) contains."""
         if self._now.assumed is Assumed.APART:
             return
         keys, pairs = self._blocks_at(u, clamped=False).keys, self._pairs
@@ -464,7 +454,6 @@ class BoundMeshContact(BoundContact):
         return sum(others, first)
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Return the energy [J] at `u` (nv, d); add the internal force [N] to `force` (nv, d)."""
         at = self._collisions(self._moved(u))
         if force is not None:
             force[self._nodes] += self._on_body(self._barrier.force(at))
@@ -479,7 +468,6 @@ class BoundMeshContact(BoundContact):
                 blocks.own[:] += found.own
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add the absolute values of the force's summands [N] to `out` (nv, d)."""
         at = self._collisions(self._moved(u))
         K = self._barrier.stiffness(at, clamped=False)
         sums = (abs(K) @ np.abs(at.x).ravel()).reshape(-1, self._d) + np.abs(self._barrier.force(at))
@@ -530,7 +518,6 @@ class BoundMeshContact(BoundContact):
         return self._barrier.limit(self._moved(u0), self._moved(u1)) < 1
 
     def identity(self) -> list[float]:
-        """Return numbers that differ from those of another contact."""
         return [
             self.contact.distance,
             self._stiffness,
@@ -553,7 +540,6 @@ class BoundMeshContact(BoundContact):
         return self._nodes[held].astype(np.int64), -force[held] / sizes[held, None]
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
-        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
         at, areas = self._collisions(self._moved(u)), self._thickness * self._on_body(self._barrier.areas())
         forces = np.linalg.norm(self._on_body(self._barrier.force(at)), axis=1)
         pressure, gap = np.zeros(self._nv), np.full(self._nv, np.inf)

@@ -124,15 +124,6 @@ class RigidContact(Specification, Term):
         return f"RigidContact {self.name!r}"
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundRigidContact:
-        """Return the contact of a body; a mesh alone has thickness or area 1.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         body = body if isinstance(body, Body) else Body(body, [])
         if self.shape.d != body.mesh.d:
             raise ContactError(
@@ -321,7 +312,6 @@ class BoundRigidContact(BoundContact):
         return bool(kernels.step_limit(self._surface, self._shape, self._now.start, moved, u0, u1 - u0) <= 1)
 
     def identity(self) -> list[float]:
-        """Return numbers that differ from those of another contact."""
         finite = np.nan_to_num(self._shape.numbers).tolist()
         return [
             self._shape.kind,
@@ -351,7 +341,6 @@ class BoundRigidContact(BoundContact):
         return gaps, forces, normals
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
-        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
         (N, t, _), (gaps, forces, _) = self._surface, self._gaps(self._surface, self._weights, u)
         sums = [np.zeros(len(u)) for _ in range(2)]
         for values, out in zip((forces, self.areas), sums, strict=True):
@@ -362,7 +351,6 @@ class BoundRigidContact(BoundContact):
         return pressure, smallest, float(self.areas[gaps < 0].sum())
 
     def smallest_gap(self, u: Array) -> float:
-        """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
         return float(kernels.smallest_gap(self._surface, self._shape, self._now.shift, u))
 
     def add_round_off(self, u: Array, out: Array) -> None:
@@ -373,7 +361,6 @@ class BoundRigidContact(BoundContact):
         np.add.at(out, t, np.einsum("nq,qm,nqd->nmd", touching, np.abs(N), np.abs(normals)))
 
     def memory(self) -> dict[str, int]:
-        """Return the bytes of its arrays, by part."""
         arrays = *self._surface, *self._own_surface, self.areas, self._weights, self._sides, self._facets, self.nodes
         return {"contact": sum(array.nbytes for array in (*arrays, self.nodes_paired))}
 
@@ -478,7 +465,6 @@ class RigidContactWithHistory(BoundRigidContact):
         return (missing[..., None] * across).reshape(-1, 3), max(now[..., 3].sum(), past[..., 3].sum())
 
     def drag(self, u: Array) -> Array:
-        """Return the largest friction per speed (nv,) [N s/m] of each node in a step from `u` (nv, d)."""
         (N, t, _), drag, friction = self._surface, np.zeros(len(u)), self.contact.friction
         if friction is not None and friction.slip_speed is not None:  # the slope of f1 at zero is 2
             slopes = 2 * friction.coefficient / friction.slip_speed * self._gaps(self._surface, self._weights, u)[1]
