@@ -14,8 +14,7 @@ from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MotionState
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import Body
-from skfem_stvk.terms.bound_load import bound_load
-from skfem_stvk.terms.loads.load import Moment
+from skfem_stvk.terms.loads.load import Moment, bound_load
 
 T = Moment(0.6, 0.8)
 

@@ -12,8 +12,7 @@ from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.edges.bound_term import bound
-from skfem_stvk.mesh.points import sizes_at_points, sizes_of
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of, sizes_at_points, sizes_of
 from skfem_stvk.system.pattern import Pattern
 from skfem_stvk.terms import Body, BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, Traction
 from skfem_stvk.terms.loads.load import Moment

@@ -33,8 +33,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.edges import NONE, TENSILE
 from skfem_stvk.edges.elements import Quadrature
-from skfem_stvk.mesh.points import base_vectors_at, sizes_of
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import base_vectors_at, rule_of, sizes_of
 from skfem_stvk.results import Fields
 from skfem_stvk.results.monitors import Monitors
 from skfem_stvk.solvers.statics import Status

@@ -22,8 +22,7 @@ from ...mesh import ElementMesh
 from ..body import Body
 from ..loads.load import Moment, Time
 from ..term import Deformation, PointResponse
-from .elastic_law import ElasticLaw
-from .response_at_points import response_of_stretches
+from .elastic_law import ElasticLaw, response_of_stretches
 
 #: How far from orthonormal the columns of a rotation may be.
 ORTHONORMAL = 1e-8

@@ -19,8 +19,7 @@ from ...kernels.invertible_law import InvertibleLaw
 from ...mesh import ElementMesh
 from ..body import Body
 from ..term import Deformation, PointResponse
-from .elastic_law import ElasticLaw
-from .response_at_points import response_of_stretches
+from .elastic_law import ElasticLaw, response_of_stretches
 
 #: Principal stretch below which the stress of `StVK` falls in compression.
 LEAST = 1 / 3**0.5

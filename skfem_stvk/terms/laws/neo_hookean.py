@@ -18,8 +18,7 @@ from ...errors import MaterialError, name_ids
 from ...kernels.neo_hookean_law import NeoHookeanLaw, NeoHookeanSheet
 from ...mesh import ElementMesh
 from ..term import Deformation, PointResponse
-from .elastic_law import ElasticLaw
-from .response_at_points import embedded, stress_and_density
+from .elastic_law import ElasticLaw, embedded, stress_and_density
 
 #: End of messages about elements with `J <= 0`.
 INFINITE_ENERGY = (

@@ -18,8 +18,7 @@ from ...kernels.st_venant_kirchhoff import IsotropicLaw
 from ...kernels.tension_fields import TensionLaw
 from ...mesh import ElementMesh
 from ..term import Deformation, PointResponse
-from .elastic_law import ElasticLaw
-from .response_at_points import stress_and_density
+from .elastic_law import ElasticLaw, stress_and_density
 
 
 @dataclass(frozen=True, eq=False)

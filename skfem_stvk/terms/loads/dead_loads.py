@@ -13,8 +13,7 @@ from ...arguments import Array, Quantity
 from ...mesh import ElementMesh
 from ...mesh.locations import Where, describe, facets_at, in_value_order, vertices_at
 from ..body import Body
-from ..bound_load import BoundLoad, Load
-from .load import Moment, Time, Value
+from .load import BoundLoad, Load, Moment, Time, Value
 from .spread import Spread
 
 Values = NDArray[np.float64]

@@ -9,18 +9,16 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ...arguments import Array, Quantity, Specification, number, own, shown, text
+from ...arguments import Array, Quantity, number, shown
 from ...edges import ALL, NodeBlocks, Tensions
-from ...errors import ContactError, StvkError, name_ids
+from ...errors import ContactError, name_ids
 from ...mesh import ElementMesh
 from ...mesh.diagnostics import parts
 from ...mesh.facets import linked
 from ...mesh.locations import Where
 from ..body import Body
-from ..term import Term
-from .bound_contact import BoundContact
+from .contact import BoundContact, Contact, Friction, numbers_of, refuse_missing_width, width_of
 from .contact_surface import elements_behind, pieces_of, remaining_surface, surface_at, young_of
-from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .ipc import Barrier, Collisions
 from .load import Assumed, Assumption, Moment
 from .rigid_mesh import RigidMesh, winding_numbers
@@ -35,7 +33,7 @@ UNUSED = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class MeshContact(Specification, Term):
+class MeshContact(Contact):
     """Contact of two surfaces, or of a surface with itself: a barrier at small distances, which nothing passes.
 
     ::
@@ -89,9 +87,8 @@ class MeshContact(Specification, Term):
     (True, True)
     """
 
-    error: ClassVar[type[StvkError]] = ContactError
-    on_elements: ClassVar[bool] = True
     between_parts: ClassVar[bool] = True
+    unit = "Pa"
 
     first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
     second: Annotated[
@@ -107,20 +104,9 @@ class MeshContact(Specification, Term):
     name: Annotated[str, Quantity(None, "Name in results and messages.")] = field(default="contact", kw_only=True)
 
     def __post_init__(self) -> None:
-        own(self)
-        if not isinstance(self.friction, Friction | None):
-            raise ContactError(f"MeshContact: friction = {shown(self.friction)}; expected Friction(...), or None.")
-        object.__setattr__(self, "name", text("MeshContact: name", self.name))
+        super().__post_init__()
         distance = number(f"{self.label}: distance", self.distance, "a positive distance [m]", 0.0, error=ContactError)
         object.__setattr__(self, "distance", distance)
-        if self.stiffness is not None:
-            k = number(f"{self.label}: stiffness", self.stiffness, "a positive number [Pa]", 0.0, error=ContactError)
-            object.__setattr__(self, "stiffness", k)
-
-    @property
-    def label(self) -> str:
-        """Beginning of messages."""
-        return f"MeshContact {self.name!r}"
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundMeshContact:
         body = body if isinstance(body, Body) else Body(body, [])

@@ -15,12 +15,10 @@ from ...kernels.simplex_topology import edges_of_simplices
 from ...mesh import ElementMesh
 from ...mesh.facets import faces_to_reverse, find_facets
 from ...mesh.locations import Where, describe, facets_at, in_value_order
-from ...mesh.points import base_vectors_at, normals_of
-from ...mesh.rules import rule_of
+from ...mesh.points import base_vectors_at, normals_of, rule_of
 from ..body import Body
-from ..bound_load import BoundLoad, Load
 from ..connectivity import simplices_of
-from .load import Time, Value
+from .load import BoundLoad, Load, Time, Value
 from .spread import Spread
 
 #: Row and column of each component of an axial vector in the matrix of a cross product; the transposed entry is its negative.

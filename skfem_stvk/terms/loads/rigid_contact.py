@@ -9,9 +9,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ...arguments import Array, Quantity, Specification, number, own, shown, text
+from ...arguments import Array, Quantity, number, shown
 from ...edges import ALL, NodeBlocks, Tensions
-from ...errors import ContactError, StvkError
+from ...errors import ContactError
 from ...kernels import contact_penalty as kernels
 from ...kernels.contact_penalty import Surface
 from ...kernels.simplex_topology import edges_of_simplices
@@ -19,13 +19,10 @@ from ...mesh import ElementMesh
 from ...mesh.diagnostics import parts
 from ...mesh.element import Element
 from ...mesh.locations import Where
-from ...mesh.points import sizes_of
-from ...mesh.rules import rule_of
+from ...mesh.points import rule_of, sizes_of
 from ..body import Body
-from ..term import Term
-from .bound_contact import BoundContact
+from .contact import BoundContact, Contact, Friction, numbers_of, refuse_missing_width, width_of
 from .contact_surface import elements_behind, surface_at, young_of
-from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .load import Assumed, Assumption, Moment, Time, Value
 from .rigid_shapes import RigidShape
 from .spread import Spread
@@ -39,7 +36,7 @@ HALFWAY = 0.5 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class RigidContact(Specification, Term):
+class RigidContact(Contact):
     """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
 
     ::
@@ -89,9 +86,8 @@ class RigidContact(Specification, Term):
     (50.0, -10000.0)
     """
 
-    error: ClassVar[type[StvkError]] = ContactError
     given_by: ClassVar[str] = "motion"
-    on_elements: ClassVar[bool] = True
+    unit = "N/m^3"
 
     shape: Annotated[RigidShape, Quantity(None, "The rigid shape.")]
     where: Annotated[Where | None, Quantity(None, "Place of the boundary facets that may touch; by default all.")] = None
@@ -108,20 +104,9 @@ class RigidContact(Specification, Term):
                 f"RigidContact: shape = {shown(self.shape)}; expected RigidPlane(...), RigidSphere(...), RigidCylinder(...) or "
                 "RigidBox(...)."
             )
-        own(self)
-        if not isinstance(self.friction, Friction | None):
-            raise ContactError(f"RigidContact: friction = {shown(self.friction)}; expected Friction(...), or None.")
-        object.__setattr__(self, "name", text("RigidContact: name", self.name))
-        if self.stiffness is not None:
-            k = number(f"{self.label}: stiffness", self.stiffness, "a positive number [N/m^3]", 0.0, error=ContactError)
-            object.__setattr__(self, "stiffness", k)
+        super().__post_init__()
         onset = number(f"{self.label}: onset", self.onset, "a depth [m], zero or more", 0.0, closed=True, error=ContactError)
         object.__setattr__(self, "onset", onset)
-
-    @property
-    def label(self) -> str:
-        """Beginning of messages."""
-        return f"RigidContact {self.name!r}"
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundRigidContact:
         body = body if isinstance(body, Body) else Body(body, [])
