@@ -130,12 +130,6 @@ def test_the_stiffness_is_minus_the_derivative_of_the_force(name):
 
 
 @pytest.mark.few
-@pytest.mark.parametrize("name", DEAD)
-def test_dead_loads_have_no_stiffness(name):
-    assert bound(CASES[name]).dead
-
-
-@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
 def test_loads_add_to_earlier_values_on_a_larger_pattern(name):
     case = CASES[name]

@@ -6,7 +6,7 @@ Pressures on closed surfaces balance, and forces are derivatives of energies.
 import numpy as np
 import pytest
 import skfem
-from bodies import CURVED, STRAIGHT, scikit_fem_of, state, values_at
+from bodies import CURVED, MESHES, STRAIGHT, scikit_fem_of, state, values_at
 from forces import force, moment, stiffness
 from skfem.helpers import dot
 
@@ -112,15 +112,15 @@ def test_a_constant_traction_on_straight_quadratic_facets_acts_at_edge_nodes_onl
     assert np.abs(f[corners]).max() < 1e-15 and f.sum() == pytest.approx(sizes_of(mesh.p, mesh.surface, mesh.facet).sum())
 
 
-def bubble(name):
+def bubble(solid):
     """Return the surface of a solid as a closed membrane with outward normals."""
-    solid = CURVED[name]
     nodes, t = np.unique(solid.surface, return_inverse=True)
     return ElementMesh(solid.p[:, nodes], t.reshape(solid.surface.shape), element=solid.facet)
 
 
 CLOSED = {name: CURVED[name] for name in SOLID if CURVED[name].k > 1}
-CLOSED |= {f"bubble of {name}": bubble(name) for name in ("quadratic tetrahedra", "hexahedra")}
+CLOSED |= {name: MESHES[name] for name in ("tetrahedra", "triangles")}
+CLOSED |= {f"bubble of {name}": bubble((MESHES | CURVED)[name]) for name in ("tetrahedra", "quadratic tetrahedra", "hexahedra")}
 
 
 def pressure(mesh, p):
