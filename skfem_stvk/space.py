@@ -231,7 +231,7 @@ class Space:
         """Return `x`, (n,) or (nv,), with zeros at the entries or nodes that other parts count; `x` itself on one process."""
         if not self.comm.divided:
             return x
-        each, counts = self.n // len(x), np.zeros(len(x))
+        each, counts = max(self.n // max(len(x), 1), 1), np.zeros(len(x))  # a part may have no free degrees of freedom
         for own in self.owned:
             counts[own.start // each : own.stop // each] = 1
         return x * counts

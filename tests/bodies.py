@@ -11,9 +11,8 @@ from skfem_stvk.mesh import points
 from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.mesh.points import rule_of
 from skfem_stvk.referee.bodies import elasticity
-from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.discretisation import Discretisation, Shape
 from skfem_stvk.referee.reference import ReferenceStVK
-from skfem_stvk.referee.shape import Shape
 
 
 def distorted(p, rng, amount=0.15):

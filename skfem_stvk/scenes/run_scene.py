@@ -25,10 +25,9 @@ from ..system.divided import parts_line
 from .build import ENERGIES, Built, expectations
 from .complaints import Complaints
 from .folder import Folder
-from .scene_outcome import ComparedResult, Curve, SceneOutcome
+from .scene_outcome import ComparedResult, Curve, SceneOutcome, largest_displacement, largest_stress, summary
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, StaticAnalysis, stop_of
-from .summary import largest_displacement, largest_stress, summary
 
 #: Default tolerance of the residual of a static state, as a fraction of loads and reactions.
 RTOL = 1e-8

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 import skfem_stvk
 from skfem_stvk import BackwardEuler, Gravity, StVK, System, simulate, solve_static
-from skfem_stvk.space import Entries, Space
+from skfem_stvk.space import Communicator, Entries, Space
 
 RNG = np.random.default_rng(5)
 V = RNG.standard_normal((12, 5))
@@ -39,6 +39,30 @@ def test_a_few_entries_are_those_of_the_expanded_vector(name):
 
 def test_entries_have_their_numbers_in_the_full_space():
     assert SPACES["some entries of some"].numbers.tolist() == [1, 11] and SPACES["some coordinates"].numbers.tolist() == [0, 1, 2]
+
+
+class OfTwoParts(Communicator):
+    """Communicator of a body of two parts, of which this one is alone in its process."""
+
+    divided = True
+
+
+class Part(Space):
+    """Part of a divided body that counts its last entries; another part adds 10 at each entry that both have."""
+
+    owned = (slice(4, 12),)
+
+    def share(self, f):
+        f[:6] += 10
+        return f
+
+
+def test_subspaces_of_a_divided_body_share_and_count_what_the_body_does():
+    some = Part(12, OfTwoParts()).on(np.array([1, 4, 7])).on(np.array([0, 2]))
+    f = np.array([1.0, 2.0])
+    assert some.share(f) is f and f.tolist() == [11, 2] and some.counted(np.ones(2)).tolist() == [0, 1]
+    none = Part(12, OfTwoParts()).on(np.empty(0, dtype=int))
+    assert none.share(np.empty(0)).size == 0 and none.counted(np.empty(0)).size == 0
 
 
 @pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])

@@ -17,9 +17,8 @@ from bodies import box, sheet
 from skfem_stvk import ElementMesh, StVK, StvkError, System, verify
 from skfem_stvk.referee.against import peer_candidate
 from skfem_stvk.referee.checks import precision
-from skfem_stvk.referee.peers import PEERS, available, load
+from skfem_stvk.referee.peers import PEERS, available, lame, load
 from skfem_stvk.referee.peers.elsewhere import Elsewhere
-from skfem_stvk.referee.peers.peer import lame
 from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 from skfem_stvk.scenes.commands.main import main
 
@@ -73,7 +72,7 @@ def test_a_version_with_a_known_error_is_still_judged(version, factor, part, cap
     """The benchmark refuses the version, but `verify` runs it, and F fails the checks that depend on lambda."""
 
     def made(self, p, t, young, poisson, *, any_version=False):
-        from skfem_stvk.referee.peers.peer import require
+        from skfem_stvk.referee.peers import require
 
         self.version = require("MuJoCo", any_version).__version__
         self._flex = OldFlex(p, t, factor)
@@ -253,7 +252,7 @@ TOY = """
 import sys
 import numpy as np
 from scipy.sparse import csr_matrix
-from skfem_stvk.referee.peers.peer import require
+from skfem_stvk.referee.peers import require
 
 class FElupe:
     name = "FElupe"
@@ -282,7 +281,7 @@ def toy(tmp_path, monkeypatch):
         *parts,
         "referee/__init__.py",
         "referee/peers/__init__.py",
-        "referee/peers/peer.py",
+        "referee/peers/__init__.py",
         "referee/peers/process.py",
         "referee/peers/elsewhere.py",
     ):

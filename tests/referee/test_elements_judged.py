@@ -13,12 +13,11 @@ from bodies import box, distorted, membrane, sheet
 
 from skfem_stvk import Anisotropic, ElementMesh, StVK, System, verify
 from skfem_stvk.mesh.element import ELEMENTS
-from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.discretisation import Discretisation, Shape, boundary_nodes, facet_ids
 from skfem_stvk.referee.element_model import model_of
 from skfem_stvk.referee.exact import ExactStVK
 from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.results import CheckOutcome
-from skfem_stvk.referee.shape import Shape, boundary_nodes, facet_ids
 from skfem_stvk.referee.verification import verify_candidate
 
 TERM = StVK(young=2.0, poisson=0.3)

@@ -9,8 +9,7 @@ from bodies import distorted, turned_round
 from skfem import MeshTet
 
 from skfem_stvk import StVK, StvkError, System
-from skfem_stvk.referee.peers import PEERS, available, load
-from skfem_stvk.referee.peers.peer import Package, require
+from skfem_stvk.referee.peers import PEERS, Package, available, load, require
 
 YOUNG, POISSON = 2.0, 0.3
 LIMIT = 1e-12

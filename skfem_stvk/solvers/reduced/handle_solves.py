@@ -9,7 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +19,14 @@ from ...arguments import Array
 from ...errors import StvkError, StvkWarning
 from ...linear import LinearSolver
 from ...mesh import MeshLike
-from ...npz import Numbers
+from ...npz import Count, Numbers
+from ...results.complete_files import output_folder
 from ...system import System
+from ...system.signature import Fingerprint
 from ...terms.loads.load import Moment, Time
 from ..newton.outcome import finishing_steps, stop_if_requested
 from ..newton.processes import Crashed, in_processes
+from ..runs.archive import STRICT, FolderStore, refusing_damage
 from ..statics import solve_static
 
 
@@ -292,3 +296,44 @@ class HandleSolves:
                     known.append((other, self._stored[other]))
                 else:
                     self._waiting.append(HandleTask(other, grid.points[begin], grid.points[other], self.states[begin].u))
+
+
+@dataclass(frozen=True)
+class SavedPoint:
+    """Record of one point of a grid, by its number."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+
+    number: Count
+    state: HandleState
+
+
+class PointsCheckpoint(FolderStore[SavedPoint]):
+    """Folder with a file for each solve of a grid: its states, `stored` by number, are not solved again."""
+
+    known, name, schema = ("point of a precomputed response of skfem-stvk", 1), "point_{:06d}.npz", SavedPoint
+    remedy = "Remove it, so that its point is solved again."
+
+    def __init__(self, folder: Path, problem: Fingerprint, size: tuple[int, int], last: int) -> None:
+        super().__init__(output_folder(folder))
+        self.problem, self._size, self._last = problem, size, last
+        self.stored: dict[int, HandleState] = {}
+
+    def opened(self) -> None:
+        for file in self.existing():
+            saved = self.read_own(file, "Name another folder, or remove its files.")
+            with refusing_damage(file, self.remedy):
+                if saved.number > self._last or file != self.numbered(saved.number):
+                    raise ValueError(f"its number is {saved.number}; expected that of its name, at most {self._last}")
+                if (saved.state.u.size, saved.state.force.size) != self._size:
+                    raise ValueError(f"its state has {saved.state.u.size} displacements; expected {self._size[0]}")
+            self.stored[saved.number] = saved.state
+
+    def add(self, number: int, state: HandleState) -> None:
+        """Write a state."""
+        self.write(self.numbered(number), SavedPoint(number, state))
+
+
+def point_text(point: Array | tuple[float, ...]) -> str:
+    """Return a displacement as text."""
+    return f"({', '.join(f'{one:.4g}' for one in point)})"

@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,7 @@ from ...errors import StateError, StvkError, SupportError, name_ids, warn
 from ...kernels.threads import threads
 from ...linear import LinearSolver
 from ...mesh.locations import Where, describe, vertices_at
+from ...npz import Ids, Numbers, Stored, Within
 from ...results.complete_files import output_path
 from ...system import System
 from ...system.free_tangent import solver_for
@@ -25,9 +26,16 @@ from ...system.protocol import checked_whole
 from ...system.signature import Fingerprint, sums
 from ...terminal import CountedProgress, say
 from ..newton.processes import is_worker_process
-from ..runs.archive import refusing_damage
-from .handle_solves import DisplacementGrid, DrivenSystem, HandleSolver, HandleSolves, HandleState
-from .stores import BetweenPoints, PointsCheckpoint, ResponseTable, TableFile, point_text
+from ..runs.archive import STRICT, Store, refusing_damage
+from .handle_solves import (
+    DisplacementGrid,
+    DrivenSystem,
+    HandleSolver,
+    HandleSolves,
+    HandleState,
+    PointsCheckpoint,
+    point_text,
+)
 
 #: Number of points of an axis in an interpolation, equally many on both sides where possible.
 STENCIL = 4
@@ -35,6 +43,84 @@ STENCIL = 4
 SINGLE = 1e-6
 #: Displacements outside of an axis by this fraction of its length count as its end.
 ROUNDED = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class BetweenPoints:
+    """Errors of the answers in the middle of cells, from solves outside the table.
+
+    Attributes
+    ----------
+    points
+        (m, d) displacements of the handle of these solves [m].
+    force
+        (m,) error of the force, as a fraction of the largest force in the table.
+    u
+        (m,) largest error of a node's displacement, as a fraction of the largest displacement in the table.
+    unsolved
+        Messages on midpoints without a stable equilibrium.
+    """
+
+    points: Annotated[Array, Stored(2)]
+    force: Numbers
+    u: Numbers
+    unsolved: list[str] = field(default_factory=list)
+
+    @property
+    def largest_force(self) -> float:
+        """Largest error of a force; NaN without a measurement."""
+        return float(self.force.max()) if len(self.force) else float("nan")
+
+    @property
+    def largest_u(self) -> float:
+        """Largest error of displacements; NaN without a measurement."""
+        return float(self.u.max()) if len(self.u) else float("nan")
+
+    def __str__(self) -> str:
+        if not len(self.points):
+            return "errors between points were not measured"
+        at_force, at_u = (point_text(self.points[int(np.argmax(errors))]) for errors in (self.force, self.u))
+        lost = f"; {len(self.unsolved)} more have no stable equilibrium: {self.unsolved[0]}" if self.unsolved else ""
+        return (
+            f"at {len(self.points)} midpoints wrong by at most {self.largest_force:.2g} of the largest force, at {at_force}, and "
+            f"{self.largest_u:.2g} of the largest displacement, at {at_u}{lost}"
+        )
+
+
+@dataclass(frozen=True)
+class ResponseTable:
+    """Table of a precomputed response: forces and amounts of the basis at each point of the grid, and reasons of its holes."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+
+    axes: list[Numbers]
+    nodes: Ids
+    values: Annotated[Array, Stored(None)]
+    basis: Annotated[Array, Stored(2, (np.float32, np.float64))]
+    holes: dict[str, str]
+    compression: Annotated[float, Within(0.0)]
+    error: BetweenPoints = field(default_factory=lambda: BetweenPoints(np.empty((0, 1)), np.empty(0), np.empty(0)))
+
+    def check(self, nv: int, d: int) -> None:
+        """Raise ValueError if this cannot be a table on a mesh with `nv` nodes in `d` dimensions."""
+        nodes, shape, count = self.nodes, tuple(map(len, self.axes)), len(self.error.points)
+        if len(nodes) == 0 or len(np.unique(nodes)) < len(nodes) or nodes.min() < 0 or nodes.max() >= nv:
+            raise ValueError(f"the array 'nodes' does not hold different numbers of nodes from 0 to {nv - 1}")
+        if len(shape) != d or any(len(axis) == 0 or (np.diff(axis) <= 0).any() for axis in self.axes):
+            raise ValueError("the displacements of an axis are not ascending")
+        expected = (*shape, d + self.basis.shape[1]), (nv * d, self.basis.shape[1]), (count, d), (count,), (count,)
+        arrays = self.values, self.basis, self.error.points, self.error.force, self.error.u
+        if (got := tuple(array.shape for array in arrays)) != expected:
+            raise ValueError(f"its arrays have shapes {got}; expected {expected}")
+        if not all(self.holes.values()) or not self.holes.keys() <= set(map(str, range(self.values[..., 0].size))):
+            raise ValueError("the holes in its header are not those of the grid")
+
+
+class TableFile(Store[ResponseTable]):
+    """File of the table of a response."""
+
+    known, schema = ("precomputed response of skfem-stvk", 1), ResponseTable
+    remedy = "Compute it again."
 
 
 class PrecomputedResponse:

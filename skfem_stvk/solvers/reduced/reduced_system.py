@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from ...arguments import Array, array, flag, number, shown, whole
 from ...arguments import path as path_of
 from ...errors import StvkError
 from ...mesh.displacements import finite_vector
+from ...npz import Numbers, Stored
 from ...results.array_files import write_text
 from ...system import System
 from ...system.protocol import checked_whole
@@ -21,9 +23,17 @@ from ...system.signature import Fingerprint, sums
 from ...terminal import Progress, duration
 from ...terms.loads.load import Time
 from ..dynamics.at_rest import AtRest
+from ..runs.archive import STRICT, Store, refusing_damage
 from .basis import SIZE, Lifts, candidates_of, checked_snapshots, masses_of, orthonormality_error, principal_basis
-from .quartic import ReducedQuartic, bytes_needed, coefficients, quartic_of, rows_of, seconds_needed
-from .reduced_coordinates import PrecomputedCoordinates
+from .quartic import (
+    PrecomputedCoordinates,
+    ReducedQuartic,
+    bytes_needed,
+    coefficients,
+    quartic_of,
+    rows_of,
+    seconds_needed,
+)
 from .step_data import FIRST_LINE, step_data
 
 #: Default limit of the bytes that a reduced body needs while it is made.
@@ -85,6 +95,16 @@ class ReducedSystem:
 
     Notes
     -----
+    Arguments that methods share:
+
+    - `q`: (r,) unknowns.
+    - `v`: (r,) direction of unknowns.
+    - `z`: (r + l,) unknowns and amounts of the lifts, `z = (q, s)`.
+    - `u`: (ndofs,) displacements [m].
+    - `t`: time [s], or the load factor, of the prescribed displacements and the loads.
+
+    Methods raise StateError if a vector does not have one finite entry for each unknown, or is so large that the result overflows.
+
     Source: Barbic, James, "Real-time subspace integration for St. Venant-Kirchhoff deformable models" (2005).
 
     Examples
@@ -173,8 +193,6 @@ class ReducedSystem:
             if the path is not writable; for text, if a term or a load needs the mesh in each step, or a name of a location does not
             fit into one line of 127 bytes.
         """
-        from .stores import ReducedFile, SavedReduced
-
         file = path_of("path", path, "the path of an .npz or .txt file")
         if file.suffix == ".txt":
             write_text(file, step_data(self.in_coordinates), FIRST_LINE)
@@ -211,9 +229,6 @@ class ReducedSystem:
         >>> bool(again.energy(np.ones(4)) == reduced.energy(np.ones(4)))
         True
         """
-        from ..runs.archive import refusing_damage
-        from .stores import ReducedFile
-
         checked_whole(body, "ReducedSystem.load(path, body)", "body")
         file, masses = npz("path", path), masses_of(body)
         problem, saved = ReducedFile.read_file(file)
@@ -233,11 +248,6 @@ class ReducedSystem:
     def amounts(self, t: Time = 1.0) -> Array:
         """Return the amounts `s(t)` (l,) [m] of the lifts.
 
-        Parameters
-        ----------
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
         Raises
         ------
         SupportError
@@ -246,89 +256,24 @@ class ReducedSystem:
         return self.in_coordinates.prescribed_values(t)
 
     def energy(self, q: ArrayLike, t: Time = 1.0) -> float:
-        """Return the strain energy `W` [J] at the unknowns.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            if `q` does not have one finite entry for each unknown, or is so large that the result overflows.
-        """
+        """Return the strain energy `W` [J] at the unknowns."""
         return self.in_coordinates.linearize(self.unknowns(q, t))[0]
 
     def internal_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `F = dW/dq` (r,), which is `V' F(u)` of the body.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return `F = dW/dq` (r,), which is `V' F(u)` of the body."""
         return self.in_coordinates.linearize(self.unknowns(q, t))[1][: self.size].copy()
 
     def tangent(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `K = d2W/dq2` (r, r), which is `V' K(u) V` of the body.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return `K = d2W/dq2` (r, r), which is `V' K(u) V` of the body."""
         return self.in_coordinates.linearize(self.unknowns(q, t))[2][: self.size, : self.size].copy()
 
     def linearize(self, q: ArrayLike, t: Time = 1.0) -> tuple[float, Array, Array]:
-        """Return W [J], F (r,) and K (r, r), at the cost of one of them.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return W [J], F (r,) and K (r, r), at the cost of one of them."""
         W, F, K = self.in_coordinates.linearize(self.unknowns(q, t))
         return W, F[: self.size].copy(), K[: self.size, : self.size].copy()
 
     def lift_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `dW/ds` (l,) [N], the forces that hold the lifts.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return `dW/ds` (l,) [N], the forces that hold the lifts."""
         return self.in_coordinates.linearize(self.unknowns(q, t))[1][self.size :].copy()
 
     @property
@@ -339,19 +284,8 @@ class ReducedSystem:
     def energy_along(self, q: ArrayLike, v: ArrayLike, t: Time = 1.0) -> NDArray[np.float64]:
         """Return the exact coefficients (5,) of the strain energy along `q + s v` [J].
 
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        v
-            (r,) direction.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
         Raises
         ------
-        StateError
-            as `energy`.
         StvkError
             if the energy of a term is not a quartic.
         """
@@ -362,134 +296,45 @@ class ReducedSystem:
         return self.in_coordinates.energy_along(self.unknowns(q, t), direction)
 
     def displacements(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `u = V q + Phi s(t)` (ndofs,) [m], with exact prescribed displacements.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-        """
+        """Return `u = V q + Phi s(t)` (ndofs,) [m], with exact prescribed displacements."""
         u = np.asarray(self.columns @ self.unknowns(q, t))
         u[self.body.supports.held] = self.body.supports.values(t)
         return u
 
     def coordinates(self, u: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `q = V' M (u - Phi s(t))` (r,), the unknowns nearest to displacements by mass.
-
-        Parameters
-        ----------
-        u
-            (ndofs,) displacements [m].
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-        """
+        """Return `q = V' M (u - Phi s(t))` (r,), the unknowns nearest to displacements by mass."""
         return self.in_coordinates.state(u, t)[: self.size]
 
     def unknowns(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `z = (q, s(t))` (r + l,).
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return `z = (q, s(t))` (r + l,)."""
         return np.concatenate([finite_vector("q", q, self.size, "unknown"), self.amounts(t)])
 
     def external_force(self, q: ArrayLike, t: Time = 1.0) -> Array:
         """Return `V' f_ext` (r,) of the loads.
 
         Constant dead loads are precomputed, so that their cost does not depend on the mesh.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
         """
         return self.in_coordinates.external_force(self.unknowns(q, t), t)[: self.size]
 
     def load_stiffness(self, q: ArrayLike, t: Time = 1.0) -> Array | None:
-        """Return `-V' df_ext/du V` (r, r); None if all loads are dead.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return `-V' df_ext/du V` (r, r); None if all loads are dead."""
         K = self.in_coordinates.load_stiffness(self.unknowns(q, t), t)
         return None if K is None else K[: self.size, : self.size]
 
     def residual(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return `F - V' f_ext` (r,).
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return `F - V' f_ext` (r,)."""
         return self.internal_force(q, t) - self.external_force(q, t)
 
     def jacobian(self, q: ArrayLike, t: Time = 1.0) -> Array:
-        """Return the derivative of the residual (r, r): K, plus the stiffness of follower loads.
-
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
-        """
+        """Return the derivative of the residual (r, r): K, plus the stiffness of follower loads."""
         K, more = self.tangent(q, t), self.load_stiffness(q, t)
         return K if more is None else K + more
 
     def potential(self, q: ArrayLike, t: Time = 1.0) -> float:
         """Return the strain energy plus the potentials of the loads [J].
 
-        Parameters
-        ----------
-        q
-            (r,) unknowns.
-        t
-            Time [s], or the load factor, of the prescribed displacements.
-
         Raises
         ------
-        StateError
-            as `energy`.
         LoadError
             if a load has no potential.
         """
@@ -499,16 +344,6 @@ class ReducedSystem:
         """Return W [J], `dW/dz` (r + l,) and `d2W/dz2` (r + l, r + l) at unknowns and amounts.
 
         The arrays are read only.
-
-        Parameters
-        ----------
-        z
-            (r + l,) unknowns and amounts, `z = (q, s)`.
-
-        Raises
-        ------
-        StateError
-            as `energy`.
         """
         return self.in_coordinates.linearize(finite_vector("z", z, self.columns.shape[1], "amount"))
 
@@ -527,6 +362,24 @@ def npz(name: str, value: Any) -> Path:
     if file.suffix != ".npz":
         raise StvkError(f"{name} = {shown(value)} does not end in .npz; expected the path of an .npz file.")
     return file
+
+
+@dataclass(frozen=True)
+class SavedReduced:
+    """Record of a reduced system: its fields and coefficients."""
+
+    __pydantic_config__: ClassVar[dict[str, Any]] = STRICT
+
+    basis: Annotated[Array, Stored(2)]
+    lifts: Annotated[Array, Stored(2)]
+    T: Numbers
+
+
+class ReducedFile(Store[SavedReduced]):
+    """File of a reduced system."""
+
+    known, schema = ("reduced body of skfem-stvk", 1), SavedReduced
+    remedy = "Reduce the body again: ReducedSystem(body, ...)."
 
 
 class _Stages(Progress):

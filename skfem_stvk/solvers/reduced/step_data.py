@@ -10,7 +10,7 @@ from ...arguments import Array, shown
 from ...errors import StvkError
 from ...mesh.locations import vertices_at
 from ...terms.loads.load import Moment
-from .reduced_coordinates import PrecomputedCoordinates
+from .quartic import PrecomputedCoordinates
 
 FIRST_LINE = "skfem-stvk reduced body 1"
 #: Largest number of bytes of a name in UTF-8, which programs in C read into a buffer.

@@ -11,9 +11,8 @@ import numpy as np
 
 from ...arguments import Array
 from ...npz import Vector
-from ..newton.eigen import lowest_mode, nearest_mode
-from .equilibrium import Equilibrium
-from .predictor_corrector import Hyperplane, correct, path_tangent
+from ..newton.stability import lowest_mode, nearest_mode
+from .equilibrium import Equilibrium, Hyperplane, correct, path_tangent
 
 LIMIT_POINT: Literal["limit point"] = "limit point"
 BIFURCATION: Literal["bifurcation"] = "bifurcation"
@@ -27,12 +26,12 @@ OFFSET = 1e-8
 
 @dataclass(frozen=True)
 class Point:
-    """State on a path, with the number of negative eigenvalues of K and the lowest eigenvalue [N/m], where known."""
+    """State on a path, with the number of negative eigenvalues of K and the lowest eigenvalue [N/m], if they are known."""
 
     u: Array
     t: float
-    negative: int | None
-    lowest: float | None
+    negative: int | None = None
+    lowest: float | None = None
 
     @property
     def unstable(self) -> bool:
@@ -88,9 +87,11 @@ def find(problem: Equilibrium, before: Point, after: Point, reverses: bool, rtol
         part = before.lowest / (before.lowest - after.lowest)
         mode = lowest_mode(problem, after.u, after.t).vector
         return (_on_mesh(problem, _unresolved(BIFURCATION, before, after, part, mode)),)
+    changed = before.negative is not None and after.negative is not None and before.negative != after.negative
+    if not (changed or reverses):
+        return ()
     chord, points = _Chord(problem, before, after, rtol), []
-    known = before.negative is not None and after.negative is not None
-    changes = chord.sign_changes() if known and before.negative != after.negative else 0
+    changes = chord.sign_changes() if changed else 0
     fractions: list[float | None] = []
     if reverses:
         fractions.append(chord.root(chord.rate))

@@ -34,8 +34,7 @@ from skfem_stvk.mesh import box
 from skfem_stvk.solvers.newton.processes import Crashed
 from skfem_stvk.solvers.reduced import handle_solves
 from skfem_stvk.solvers.reduced import precomputed_response as response
-from skfem_stvk.solvers.reduced.precomputed_response import _compressed, _weights
-from skfem_stvk.solvers.reduced.stores import TableFile
+from skfem_stvk.solvers.reduced.precomputed_response import TableFile, _compressed, _weights
 from skfem_stvk.solvers.runs.archive import read_archive, write_archive
 from skfem_stvk.system.signature import sums
 

@@ -8,11 +8,11 @@ import skfem
 from beams import beam, bent, block, column
 
 from skfem_stvk import ElementMesh, NodalLoad, Pressure, Stop, StVK, System, Traction, solve_static
-from skfem_stvk.errors import StateError, StvkError
+from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.solvers.newton.stopwatch import Stopwatch
 from skfem_stvk.solvers.statics import CriticalPoint, SolveError, Status
-from skfem_stvk.solvers.statics.arc_length import ArcLength
+from skfem_stvk.solvers.statics.arc_length import ArcLength, ArcLengthState
 from skfem_stvk.solvers.statics.continuation import SMALLEST
 from skfem_stvk.solvers.statics.critical import Point
 from skfem_stvk.solvers.statics.equilibrium import Equilibrium
@@ -44,6 +44,7 @@ def test_every_state_of_a_snap_through_is_on_its_curve():
     between = np.abs(w - RISE) < RISE / np.sqrt(3)
     assert [step.negative for step in result.history] == between.astype(int).tolist()
     assert [step.status.success for step in result.history] == (~between).tolist()
+    assert {step.jump for step in result.history} == {None}
 
 
 def test_limit_points_are_found_to_many_digits():
@@ -174,49 +175,6 @@ def test_an_unstructured_beam_of_negative_orientation_follows_its_load():
     )
 
 
-@pytest.mark.parametrize(
-    ("stop", "what"),
-    [
-        ({}, "expected a load"),
-        ({"turns": 0}, "turns = 0"),
-        ({"states": True}, "states = True"),
-        ({"load": np.nan}, "load = nan"),
-    ],
-)
-def test_an_invalid_stop_is_refused(stop, what):
-    with pytest.raises(StvkError, match=what):
-        Stop(**stop)
-
-
-@pytest.mark.parametrize(
-    ("displacement", "what"),
-    [
-        (5, "a location, a component and a value"),
-        (([1], "z", 0.1), "component = 'z'"),
-        (([1], "xy", 0.1), "component = 'xy'"),
-        (([1], "y", np.inf), "finite displacement"),
-        (("apex", "y", 0.1), "apex"),
-        (([7], "y", 0.1), "7"),
-    ],
-)
-def test_an_invalid_location_is_refused_before_the_solve(displacement, what):
-    with pytest.raises(StvkError, match=what):
-        solve_static(bar(), stop=Stop(displacement=displacement), **OPTIONS)
-
-
-def test_parameters_that_do_not_go_together_are_refused():
-    with pytest.raises(StvkError, match="known: 'arc-length', 'load-steps'"):
-        solve_static(bar(), method="riks")
-    with pytest.raises(StvkError, match="with method='arc-length'"):
-        solve_static(bar(), stop=Stop(load=1.0))
-    with pytest.raises(StvkError, match=r"direct solver, 'superlu', 'pardiso'"):
-        solve_static(bar(), solver="amg-cg", **OPTIONS)
-    with pytest.raises(StvkError, match="t0 = 1"):
-        solve_static(bar(), t0=1.0)
-    with pytest.raises(StateError):
-        solve_static(bar(), u0=np.full(4, np.nan), **OPTIONS)
-
-
 def test_a_start_without_stiffness_is_refused_as_a_mechanism():
     p, t = np.array([[0, 1, 2.0], [0, 0, 0]]), np.array([[0, 1], [1, 2]])
     flat = System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -1.0))], fixed=[([0, 2], "xy")])
@@ -259,17 +217,17 @@ def test_loads_nonlinear_in_the_load_factor_are_followed():
 
     terms = [StVK(young=1e4, poisson=0.3), NodalLoad([40], lambda t: (0, 30 * t**3, 20 * np.sin(3 * t)))]
     system = System(mesh, terms, fixed={"wall": "xyz"}, prescribed={"tip": move})
-    result = solve_static(system, steps=5, rtol=1e-11, **OPTIONS)
+    result, by_steps = solve_static(system, steps=5, rtol=1e-11, **OPTIONS), solve_static(system, steps=20, rtol=1e-11, quiet=True)
     tip = np.unique(mesh.boundaries["tip"])
     assert result.success and len(result.history) > 3
-    for step in result.history:
+    for step in [*result.history, *by_steps.history]:
         np.testing.assert_allclose(step.u.reshape(-1, 3)[tip], move(mesh.p[:, tip], step.t).T, atol=1e-14)
-    np.testing.assert_allclose(result.u, solve_static(system, steps=20, rtol=1e-11, quiet=True).u, atol=1e-8)
+    np.testing.assert_allclose(result.u, by_steps.u, atol=1e-8)
 
 
 def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     """The direction of the path is `du/dt`, with moving supports and loads nonlinear in the load factor."""
-    from skfem_stvk.solvers.statics.predictor_corrector import path_tangent
+    from skfem_stvk.solvers.statics.equilibrium import path_tangent
 
     def move(x, t):
         return np.stack([0 * x[0], 0.5 * np.sin(2 * t) * x[1], -2 * t**2 + 0 * x[0]])
@@ -282,12 +240,6 @@ def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     found = path_tangent(Equilibrium(system, SuperLU(), Stopwatch()), middle.u, 0.5)
     np.testing.assert_allclose(found.direction / found.rate, (second.u - first.u) / 2e-4, atol=1e-5)
     assert np.linalg.norm(found.direction) == pytest.approx(1)
-
-
-def test_a_body_without_response_to_the_load_is_reported():
-    system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("wall", (0, 0, -10.0))], fixed={"wall": "xyz"})
-    with pytest.raises(SolveError, match="no displacement changes as the load grows"):
-        solve_static(system, **OPTIONS)
 
 
 def test_a_path_that_begins_on_a_level_continues_until_it_returns_to_the_level():
@@ -346,11 +298,6 @@ def test_the_state_at_the_start_is_counted():
     assert len(result.history) == 3 and result.history[0].t == 0.3
 
 
-def test_a_stop_at_a_fixed_location_is_refused():
-    with pytest.raises(StvkError, match=r"component = 'x' is fixed at 1 vertex \(1\); expected a component that can move"):
-        solve_static(bar(), stop=Stop(displacement=([1], "x", 0.1)), **OPTIONS)
-
-
 def test_loads_are_not_evaluated_beyond_1():
     evaluated = []
 
@@ -378,14 +325,6 @@ def test_load_steps_report_where_the_body_snapped(steps):
         f"Between t = {before.t:.4g} and t = {snapped.t:.4g} it moved" in result.message and "snapped or buckled" in result.message
     )
     assert "jumped" in str(snapped) and "jumped" not in str(before)
-
-
-def test_a_body_that_bends_far_has_not_snapped():
-    for system in (bent(), block(0.2)):
-        result = solve_static(system, quiet=True)
-        assert max(step.jump for step in result.history if step.jump is not None) < 1
-        assert "snapped" not in result.message
-    assert {step.jump for step in solve_static(bar(), steps=20, **OPTIONS).history} == {None}
 
 
 def steep_arch():
@@ -424,12 +363,6 @@ def test_states_beyond_another_stop_are_not_resumed(tmp_path):
         solve_static(bar(), stop=Stop(load=0.01), resume=True, **call)
 
 
-@pytest.mark.parametrize("name", ["resume", "stability"])
-def test_switches_are_true_or_false(name):
-    with pytest.raises(StvkError, match=f"{name} = 'yes'; expected True or False"):
-        solve_static(bar(), **{name: "yes"}, **OPTIONS)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize(
     ("before", "after", "resolved", "hopped"),
@@ -460,7 +393,7 @@ def test_successful_steps_are_never_too_short_to_continue():
     """
     path = object.__new__(ArcLength)
     path.problem, path.u, path._initial = SimpleNamespace(states=Space(2)), np.zeros(2), np.zeros(2)
-    path._first, path._first_load, path._size = 1.0, 0.1, 1.0
+    path._first_load, path.next = 0.1, ArcLengthState(size=1.0, first=1.0)
     for _ in range(20):
         path._adapt(iterations=4, cosine=0.6)
-    assert path._size == SMALLEST
+    assert path.next.size == SMALLEST

@@ -9,8 +9,9 @@ from skfem_stvk import NodalLoad, Pressure, StVK, System, solve_static
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.solvers.newton.stopwatch import Stopwatch
 from skfem_stvk.solvers.statics import Status, load_steps
+from skfem_stvk.solvers.statics.critical import Point
 from skfem_stvk.solvers.statics.equilibrium import Equilibrium
-from skfem_stvk.solvers.statics.load_steps import MOST_SOLVES, JumpDetector, PathState
+from skfem_stvk.solvers.statics.load_steps import MOST_SOLVES, JumpDetector
 
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 
@@ -118,4 +119,4 @@ def test_the_number_of_intermediate_states_is_limited(monkeypatch):
     monkeypatch.setattr(JumpDetector, "_tangent_response", lambda self, state, t: np.full(12, t - state.t))
     problem = Equilibrium(truss(1.0), SuperLU(), Stopwatch())
     between = JumpDetector(problem, lambda before, start, t: calls.append(t) or np.full(12, 3 * t))
-    assert between.jump(PathState(0.0, np.zeros(12)), PathState(1.0, np.full(12, 3.0))) is None and len(calls) == MOST_SOLVES
+    assert between.jump(Point(np.zeros(12), 0.0), Point(np.full(12, 3.0), 1.0)) is None and len(calls) == MOST_SOLVES
