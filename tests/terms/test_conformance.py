@@ -134,7 +134,7 @@ def cases():
         found[f"linear, {name}"] = Case(mesh, linear, grounded=True, can=can)
         linear = LinearElastic(Anisotropic(some_voigt(np.random.default_rng(7))))
         found[f"linear, {name}, anisotropic"] = Case(mesh, linear, grounded=True, can=can)
-        bed = ElasticFoundation(lambda x: x[0] < 0.4, [3.0] if mesh.d == 1 else (2.0, 0.0, 5.0)[: mesh.d])
+        bed = ElasticFoundation(lambda x: x[0] < x[0].min() + 0.4, [3.0] if mesh.d == 1 else (2.0, 0.0, 5.0)[: mesh.d])
         found[f"foundation, {name}"] = Case(mesh, bed, grounded=True, can=("quartic",))
         network = EdgeNetwork.of(mesh, law)
         again = partial(lambda law, other, order: EdgeNetwork.of(other, reordered(law, order)), law)
@@ -481,7 +481,7 @@ CLOSE = {name: CASES[name] for name in OURS} | dict(laws_of_several_points())
 @pytest.mark.few
 @pytest.mark.parametrize("name", CLOSE)
 def test_the_round_off_of_the_force_holds_at_rest_and_far_from_the_origin(name):
-    """The coordinates are dyadic, so that a shift of the mesh by 4096 is exact and changes no force or energy by more than round-off.
+    """The coordinates are dyadic: a shift of the mesh by 4096 is exact, and changes no force or energy by more than round-off.
 
     Near rest the force is that of K, except for laws whose K jumps there. User-supplied frames have stress at rest.
     """
