@@ -15,7 +15,7 @@ from ..arguments import flag, shown, whole
 from ..edges.materials import Material
 from ..errors import MaterialError, StvkError, StvkWarning
 from ..mesh import ElementMesh, MeshLike
-from ..mesh.rules import HOURGLASS
+from ..mesh.points import HOURGLASS
 from ..system import System
 from ..terms import EdgeNetwork, StVK
 from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on

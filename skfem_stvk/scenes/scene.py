@@ -273,7 +273,7 @@ class Scene:
     @cached_property
     def hash(self) -> str:
         """Hash of the scene with the contents of its files; it does not depend on title, comments and the order of keys."""
-        from ..mesh.files import parts_of  # meshio is imported only for mesh files
+        from ..mesh.content import parts_of  # meshio is imported only for mesh files
 
         files: list[Path] = []
         for loc, name in input_files(self.sections):

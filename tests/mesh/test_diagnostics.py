@@ -13,7 +13,7 @@ from meshfiles import curved
 from skfem_stvk import ElementMesh, MeshError, StVK, StvkWarning, System
 from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, folded_elements, parts
 from skfem_stvk.mesh.element import ELEMENTS
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 
 CUBE = skfem.MeshTet().refined(2)
 SQUARE = skfem.MeshTri().refined(2)

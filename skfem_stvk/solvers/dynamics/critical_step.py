@@ -18,9 +18,9 @@ from ...mesh.displacements import by_vertex
 from ...space import Space
 from ...system import System, TangentOperator
 from ...system.bound import BoundTerms
+from ...system.coordinates import checked_system, checked_whole
 from ...system.mass import Mass
 from ...system.pattern import Pattern
-from ...system.protocol import checked_system, checked_whole
 from ...terms.loads.load import APART, Assumed, Moment
 from .damping import Damping, damping_factors
 

@@ -23,9 +23,9 @@ from ...results import Fields, plot
 from ...results.fields import State
 from ...results.series import save_series
 from ...system import FreeOperator, System
+from ...system.coordinates import checked_whole
 from ...system.free_tangent import SYMMETRIC, FreeTangent, with_loads
 from ...system.mass import Mass
-from ...system.protocol import checked_whole
 from ...system.rigid import motions, parts_of_body
 from ...terms.loads.load import Time
 from ..newton.newton import usable
