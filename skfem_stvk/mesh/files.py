@@ -10,7 +10,7 @@ from shlex import quote
 import meshio
 import numpy as np
 
-from ..errors import MeshError
+from ..errors import MeshError, StvkWarning
 from .content import check_cells
 from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, Damaged, refused
 
@@ -30,6 +30,8 @@ def load(path: Path) -> meshio.Mesh:
         ) from error
     except MemoryError as error:
         raise MeshError(f"{path} declares more data than fit into memory. Is it damaged? Write it again.") from error
+    except StvkWarning:  # a note of what is left out, which the user has made an error
+        raise
     except Exception as error:
         raise damaged(path, f"{type(error).__name__}: {error}") from error
 

@@ -123,7 +123,7 @@ def test_abaqus_files_that_end_within_a_line_are_refused(fraction, tmp_path):
         ("*ELSET, ELSET=part\n1, 77\n", r"Element set 'part': 1 element \(77\) not defined"),
         ("*NSET, NSET=pin\n1, 77\n", r"Node set 'pin': 1 node \(77\)"),
         ("*ELSET, ELSET=part, GENERATE\n9, 1\n", r"GENERATE has '9, 1'; expected the first element, the last one"),
-        ("*ELSET, ELSET=part, GENERATE\n1, 100000000\n", r"GENERATE: 1 element \(100000000\) not defined"),
+        ("*ELSET, ELSET=part, GENERATE\n5, 100000000\n", r"part': GENERATE has '5, 100000000', and none of these ids is defined"),
         ("*INCLUDE, INPUT=/dev/zero\n", "it includes '/dev/zero', which is not in its folder"),
         ("*INCLUDE, INPUT=mesh.inp\n", "it includes files more than 8 deep, or more than 100: itself"),
     ],

@@ -141,8 +141,7 @@ def test_an_included_file_is_read_with_its_element_sets(tmp_path):
     ("text", "message"),
     [
         (INP + "*ELSET, ELSET=few\nSteel, Wood\n", "Element set 'few' names the set 'Wood', which is not defined above it"),
-        (INP + "*NODE\n7, 0., 0., 0.\n", r"has 2 \*NODE sections; expected one. An assembly of several parts\?"),
-        (INP.replace("TYPE=S3", "TYPE=S17"), "could not be read: Element type not available: S17"),
+        (INP.replace("TYPE=S3", "TYPE=S17"), "could not be read: its elements have the type S17, which is not read"),
         (INP.replace("10, 1, 2", "10, 8, 2"), "could not be read: its elements: 1 node .8. not defined"),
         ("*INCLUDE, INPUT=gone.inp\n", "could not be read: .*gone.inp., which it needs, is missing or not a regular file"),
     ],

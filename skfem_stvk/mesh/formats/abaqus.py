@@ -30,8 +30,8 @@ Facets = dict[str, Ids]
 
 #: Types of elements by the type of their cells in meshio's terms. Letters may follow, such as H, I, M, R, T of the same element.
 TYPES = {
-    "line": r"[TR][23]D2|B[23][13]|PIPE[23]1",
-    "line3": r"[TR][23]D3|B[23]2|PIPE[23]2",
+    "line": r"T[23]D2|RB?[23]D2|B[23][13]|PIPE[23]1",
+    "line3": r"T[23]D3|B[23]2|PIPE[23]2",
     "triangle": r"(CP[ES]|CPEG|M3D|SFM3D|R3D|D?S|STRI|DC2D)3",
     "triangle6": r"(CP[ES]|CPEG|M3D|SFM3D|D?S|DC2D)6|STRI65",
     "quad": r"(CP[ES]|CPEG|M3D|SFM3D|R3D|D?S|DC2D)4|S4R5",
@@ -67,6 +67,8 @@ REFUSED = {
     **dict.fromkeys(("IMPORT", "IMPORT NSET", "IMPORT ELSET", "SYMMETRIC MODEL GENERATION"), "its mesh is in another file"),
     "SUBSTRUCTURE GENERATE": "its mesh is in another file",
 }
+#: Keywords with geometry or names that are read.
+HANDLED = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SYSTEM", "INCLUDE", "PART", "END PART", "INSTANCE", "END INSTANCE")
 #: What a set consists of, by its keyword.
 WHAT = {"NSET": "node", "ELSET": "element"}
 NO_IDS, NONE, LARGEST_ID = np.empty(0, dtype=np.int64), np.empty(0), 10**15
@@ -557,7 +559,7 @@ class Files:
         with Source(path) as source:
             for raw in iter(source.raw_line, b""):
                 line = decoded(raw).strip()
-                if raw[-1:] not in (b"\n", b"\r", b"\x1a", b"\0") and line[-1:].isdigit():
+                if raw[-1:] not in (b"\n", b"\r", b"\x1a", b"\0") and line[:1] not in ("", "*"):
                     raise Damaged(
                         "its last line has no end, so it may be cut within a number (end it with a newline if it is complete)"
                     )
