@@ -93,7 +93,7 @@ def check_file(path: Path) -> None:
             "it: "
             f"meshio convert {quote(str(path))} {quote(f'{path.stem}.vtu')}"
         )
-    known = sorted(set(meshio.extension_to_filetypes) - set(REFUSED))
+    known = sorted({*meshio.extension_to_filetypes, *READERS} - set(REFUSED))
     if path.suffix.lower() not in known:
         raise MeshError(
             f"{path} has the unknown extension {path.suffix!r}; known: {', '.join(known)}. Rename the file if it is of one of "

@@ -11,11 +11,17 @@ from pathlib import Path
 
 import meshio
 
-from . import abaqus, binary, gmsh, texts, vtk, xml_files
+from . import abaqus, binary, exodus, gmsh, med, texts, vtk, xml_files
 from .stream import Counts, Damaged, Source
 
 #: Readers of this package, by the ending of a file.
-READERS: dict[str, Callable[[Path], meshio.Mesh]] = {".inp": abaqus.read, ".vtk": vtk.read, ".vtu": xml_files.read}
+READERS: dict[str, Callable[[Path], meshio.Mesh]] = {
+    ".inp": abaqus.read,
+    **dict.fromkeys((".e", ".ex2", ".exo", ".exii", ".g", ".gen"), exodus.read),
+    **dict.fromkeys((".med", ".mmed"), med.read),
+    ".vtk": vtk.read,
+    ".vtu": xml_files.read,
+}
 #: Checks of a file before meshio reads it, by its ending: numbers of nodes and of elements.
 CHECKS: dict[str, Callable[[Path], Counts]] = {
     ".msh": gmsh.check,

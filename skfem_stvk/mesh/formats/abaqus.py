@@ -21,13 +21,10 @@ from scipy.spatial.transform import Rotation
 
 from ...errors import name_ids, warn
 from ..groups import node_count
+from .sides import FACETS, NO_IDS, Block, Ids, Sides, joined, mesh_of, parts_of
 from .stream import Damaged, Source, check_known, check_unique
 
-Ids = NDArray[np.int64]
 Points = NDArray[np.float64]
-#: Nodes of facets by their type in meshio's terms, and 'elements' by their indices.
-Facets = dict[str, Ids]
-
 #: Types of elements by the type of their cells in meshio's terms. Letters may follow, such as H, I, M, R, T of the same element.
 TYPES = {
     "line": r"T[23]D2|RB?[23]D2|B[23][13]|PIPE[23]1",
@@ -59,8 +56,6 @@ FACES = {
     "hexahedron": ((1, 2, 3, 4), (5, 8, 7, 6), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 8, 4), (4, 8, 5, 1)),
 }
 AXISYMMETRIC = re.compile(r"[DMRAF]*(CG?AX|AX|SAX|MAX|GAX)")
-#: Types of facets in meshio's terms by their number of corners.
-FACETS = {2: "line", 3: "triangle", 4: "quad"}
 #: Keywords with geometry or names that are refused: generators of nodes and elements, and meshes from elsewhere.
 REFUSED = {
     **dict.fromkeys(("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"), "it makes nodes or elements from others"),
@@ -71,7 +66,7 @@ REFUSED = {
 HANDLED = ("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "SYSTEM", "INCLUDE", "PART", "END PART", "INSTANCE", "END INSTANCE")
 #: What a set consists of, by its keyword.
 WHAT = {"NSET": "node", "ELSET": "element"}
-NO_IDS, NONE, LARGEST_ID = np.empty(0, dtype=np.int64), np.empty(0), 10**15
+NONE, LARGEST_ID = np.empty(0), 10**15
 #: Lines of a section that are converted to numbers at once.
 CHUNK = 1 << 16
 #: Maximum depth of included files, and their maximum number.
@@ -163,9 +158,10 @@ def nodes_of(part: Part, options: dict[str, str], lines: Iterator[str], frame: F
                 row[: len(words)] = [real(word) for word in words]
         tables.append(rows)
     table = np.concatenate(tables)
+    is_id = (table[:, 0] == np.floor(table[:, 0])) & (table[:, 0] >= 0) & (table[:, 0] <= LARGEST_ID)
+    if not is_id.all():
+        raise Damaged(f"{table[~is_id, 0][0]:g} was found; expected the id of a node")
     ids = table[:, 0].astype(np.int64)
-    if (bad := np.flatnonzero((ids != table[:, 0]) | (ids < 0) | (ids > LARGEST_ID))).size:
-        raise Damaged(f"{table[bad[0], 0]:g} was found; expected the id of a node")
     part.nodes.append((ids, frame.apply(table[:, 1:], system == "C")))
     return ids
 
@@ -292,7 +288,8 @@ class Body:
 
     def __init__(self) -> None:
         self.points: list[Points] = []
-        self.blocks: list[tuple[str, int, Ids]] = []
+        self.blocks: list[Block] = []
+        self.types: dict[int, str] = {}  # of the elements of a block, by the first
         self.counts = {"NSET": 0, "ELSET": 0}
         self.instances: dict[str, Scope] = {}
         self.named: list[tuple[str, Scope]] = []
@@ -301,13 +298,14 @@ class Body:
     def place(self, part: Part, name: str, motion: Points) -> None:
         """Add the nodes and elements of a part, and find the members of its sets."""
         ids = [np.concatenate([NO_IDS, *(row[i] for row in rows)]) for rows, i in ((part.nodes, 0), (part.elements, 1))]
-        for one, keyword in zip(ids, WHAT, strict=True):
-            check_unique(one, WHAT[keyword])
+        for numbers_of, what in zip(ids, WHAT.values(), strict=True):
+            check_unique(numbers_of, what)
         scope = Scope(dict(zip(WHAT, ids, strict=True)), dict(self.counts))
         self.points.append(moved(np.concatenate([np.empty((0, 3)), *(points for _, points in part.nodes)]), motion))
         for type, elements, nodes in part.elements:
             if nodes.shape[1]:
-                self.blocks.append((type, self.counts["ELSET"], scope.indices("NSET", nodes, "its elements")))
+                self.types[self.counts["ELSET"]] = type
+                self.blocks.append(Block(kind_of(type), self.counts["ELSET"], scope.indices("NSET", nodes, "its elements")))
             else:
                 self.left_out[type] += len(elements)
             self.counts["ELSET"] += len(elements)
@@ -317,7 +315,7 @@ class Body:
             self.instances[name.upper()] = scope
         for one in part.sets:
             keyword = "NSET" if one.keyword == "SURFACE" and one.options.get("TYPE", "").upper() == "NODE" else one.keyword
-            found = self.facets(scope, one) if keyword == "SURFACE" else self.members(scope, keyword, one)
+            found: Any = self.facets(scope, one) if keyword == "SURFACE" else self.members(scope, keyword, one)
             written, before = scope.sets.get((keyword, one.name.upper()), (one.name, None))
             if before is not None:
                 found = joined([before, found]) if keyword == "SURFACE" else np.union1d(before, found)
@@ -332,7 +330,9 @@ class Body:
             scope = self.instances[instance.upper()]
         if keyword == "NSET" and "ELSET" in one.options:
             elements = self.found(scope, "ELSET", one.options["ELSET"], of)
-            return np.unique(np.concatenate([NO_IDS, *(cells[rows].ravel() for _, cells, rows in self.cells_of(elements))]))
+            return np.unique(
+                np.concatenate([NO_IDS, *(block.cells[rows].ravel() for block, rows in parts_of(self.blocks, elements))])
+            )
         parts = [NO_IDS]
         for item in one.items:
             if isinstance(item, np.ndarray):
@@ -356,13 +356,7 @@ class Body:
                 return self.found(instance, keyword, word[len(name) + 1 :], of)
         raise Damaged(f"{of} names the set {word[:60]!r}, which is not defined above it. Move or add its *{keyword}")
 
-    def cells_of(self, elements: Ids) -> Iterator[tuple[str, Ids, Ids]]:
-        """Yield the blocks that have some of the elements: type, nodes of all, and the ascending rows of these."""
-        for type, first, cells in self.blocks:
-            if (rows := elements[slice(*np.searchsorted(elements, [first, first + len(cells)]))]).size:
-                yield type, cells, rows - first
-
-    def facets(self, scope: Scope, one: Set) -> Facets:
+    def facets(self, scope: Scope, one: Set) -> Sides:
         """Return the facets of a surface by their type, and as 'elements' the shells of which it has a side."""
         of, type = f"Surface {one.name[:60]!r}", one.options.get("TYPE", "ELEMENT").upper()
         if "COMBINE" in one.options and one.options["COMBINE"].upper() == "UNION":
@@ -377,37 +371,33 @@ class Body:
             word, face = [*words, ""][:2]
             every = scope.first["ELSET"] + np.arange(len(scope.ids["ELSET"]))
             elements = self.found(scope, "ELSET", word, of) if word else every
-            parts += [self.faces(*block, face.upper(), of) for block in self.cells_of(elements)]
+            parts += [self.sides(block, rows, face.upper(), of) for block, rows in parts_of(self.blocks, elements)]
         return joined(parts)
 
-    def faces(self, type: str, cells: Ids, rows: Ids, face: str, of: str) -> Facets:
-        """Return the facets of some elements of a block that have a label; without a label, those of the surface of the body."""
-        kind = kind_of(type)
-        faces, planar = FACES.get(family := kind.rstrip("0123456789"), ()), type.startswith(("CP", "DC2D"))
-        is_shell = family in ("triangle", "quad") and not planar
+    def sides(self, block: Block, rows: Ids, face: str, of: str) -> Sides:
+        """Return the sides of some elements of a block that have a label; without a label, those on the surface of the body."""
+        faces, type = FACES.get(block.family, ()), self.types[block.first]
+        is_shell = block.family in ("triangle", "quad") and not type.startswith(("CP", "DC2D"))
         if is_shell and face in ("", "SPOS", "SNEG", "POS", "NEG", "S1", "S2"):  # in CalculiX, S3 is the first edge of a shell
-            first = next(first for other, first, table in self.blocks if table is cells)
-            return {"elements": first + rows}
-        labels = {f"E{i + 1}": i for i in range(len(faces))} if is_shell else {f"S{i + 1}": i for i in range(len(faces))}
-        labels |= {f"S{i + 3}": i for i in range(len(faces))} if is_shell else {}
+            return {"elements": block.first + rows}
+        labels = {
+            f"{letter}{i + add}": i
+            for letter, add in ((("E", 1), ("S", 3)) if is_shell else (("S", 1),))
+            for i in range(len(faces))
+        }
         if face and face not in labels:
             raise Damaged(
                 f"{of} has the face {face[:20]!r} of {type[:40]}; expected one of {', '.join(labels) or 'another element'}"
             )
-        chosen = [faces[labels[face]]] if face else faces
-        found = joined([{FACETS[len(ids)]: cells[rows][:, np.array(ids) - 1]} for ids in chosen])
+        found = joined([block.sides(rows, corners) for corners in ([faces[labels[face]]] if face else faces)])
         return found if face else {kind: nodes[self.on_surface(nodes)] for kind, nodes in found.items()}
 
     def on_surface(self, facets: Ids) -> NDArray[np.bool_]:
         """Return which facets (n, m) belong to one element alone."""
-        others = [
-            cells[:, np.array(ids) - 1]
-            for type, _, cells in self.blocks
-            for ids in FACES.get(kind_of(type).rstrip("0123456789"), ())
-            if len(ids) == facets.shape[1]
-        ]
-        every = np.sort(np.concatenate([facets, *others]), axis=1)
-        _, number, counts = np.unique(every, axis=0, return_inverse=True, return_counts=True)
+        every = [block.sides(np.arange(len(block.cells)), ids) for block in self.blocks for ids in FACES.get(block.family, ())]
+        kind = FACETS[facets.shape[1]]
+        both = np.sort(np.concatenate([facets, *(found[kind] for found in every if kind in found)]), axis=1)
+        _, number, counts = np.unique(both, axis=0, return_inverse=True, return_counts=True)
         return np.asarray(counts[np.ravel(number)[: len(facets)]] == 2)  # itself, and once more among the others
 
     def mesh(self) -> meshio.Mesh:
@@ -418,31 +408,14 @@ class Body:
             warn(f"{types} elements are left out: they have no volume.")
         sets = [(name, *key, *value) for name, scope in self.named for key, value in scope.sets.items() if value[0]]
         plain = Counter((keyword, capital) for _, keyword, capital, _, _ in sets)
-        node_sets, cells = dict[str, Ids](), dict[str, Facets]()
+        node_sets, places = dict[str, Ids](), dict[str, Sides]()
         for instance, keyword, capital, name, value in sets:
             for key in [name] * (not instance or plain[keyword, capital] == 1) + [f"{instance}.{name}"] * bool(instance):
                 if keyword == "NSET":
                     node_sets[key] = value
                 else:
-                    cells[key] = joined([cells.get(key, {}), value if keyword == "SURFACE" else {"elements": value}])
-        blocks = [(kind_of(type), table) for type, _, table in self.blocks]
-        blocks = [(kind, middle_last(table, points) if kind == "line3" else table) for kind, table in blocks]
-        spans = [(first, first + len(table)) for _, first, table in self.blocks]
-        cell_sets = {
-            name: [found["elements"][slice(*np.searchsorted(found["elements"], span))] - span[0] for span in spans]
-            if "elements" in found
-            else [NO_IDS] * len(spans)
-            for name, found in cells.items()
-        }
-        for kind in FACETS.values():
-            tables = {name: found[kind] for name, found in cells.items() if len(found.get(kind, ()))}
-            if tables:
-                ends = np.cumsum([0, *map(len, tables.values())])
-                ranges = dict(zip(tables, map(np.arange, ends[:-1], ends[1:]), strict=True))
-                blocks.append((kind, np.concatenate(list(tables.values()))))
-                for name, block in cell_sets.items():
-                    block.append(ranges.get(name, NO_IDS))
-        return meshio.Mesh(points, blocks, point_sets=node_sets, cell_sets=cell_sets)
+                    places[key] = joined([places.get(key, {}), value if keyword == "SURFACE" else {"elements": value}])
+        return mesh_of(points, [with_middle_last(block, points) for block in self.blocks], node_sets, places)
 
 
 def kind_of(type: str) -> str:
@@ -455,21 +428,17 @@ def is_helper(one: Set) -> bool:
     return "INTERNAL" in one.options or (one.keyword != "SURFACE" and bool(re.fullmatch(r"_.*_(S\d|SPOS|SNEG|E\d)", one.name)))
 
 
-def joined(parts: list[Facets]) -> Facets:
-    """Return the facets of all parts by type, and their elements, ascending."""
-    found = {kind: np.concatenate([part[kind] for part in parts if kind in part]) for part in parts for kind in part}
-    return {kind: np.unique(ids) if kind == "elements" else ids for kind, ids in found.items()}
-
-
-def middle_last(t: Ids, points: Points) -> Ids:
+def with_middle_last(block: Block, points: Points) -> Block:
     """Return segments of second order (n, 3) with the middle last; some programs write it between the ends.
 
     The middle is the node that is nearest to the midpoint of the other two.
     """
-    x = points[t]
+    if block.kind != "line3":
+        return block
+    x = points[block.cells]
     off = np.stack([np.linalg.norm(x[:, i] - (x[:, i - 1] + x[:, i - 2]) / 2, axis=1) for i in range(3)])
     orders = np.array([[1, 2, 0], [0, 2, 1], [0, 1, 2]])
-    return np.take_along_axis(t, orders[off.argmin(axis=0)], axis=1)
+    return block._replace(cells=np.take_along_axis(block.cells, orders[off.argmin(axis=0)], axis=1))
 
 
 def words_of(lines: Iterator[str]) -> list[Any]:
