@@ -14,6 +14,9 @@ from ..errors import MeshError, StvkWarning
 from .content import check_cells
 from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, Damaged, refused
 
+#: What pip installs for a package, if it is an extra of this one.
+EXTRAS = {"netCDF4": "'skfem-stvk[exodus]'"}
+
 
 def load(path: Path) -> meshio.Mesh:
     """Return the points, cells, groups and data of a file."""
@@ -26,7 +29,8 @@ def load(path: Path) -> meshio.Mesh:
         raise MeshError(f"{path} cannot be read: {error.strerror}. Change its permissions, or copy it.") from error
     except ModuleNotFoundError as error:
         raise MeshError(
-            f"Reading {path.suffix} files needs the package {error.name}, which is not installed: pip install {error.name}"
+            f"Reading {path.suffix} files needs the package {error.name}, which is not installed: pip install "
+            f"{EXTRAS.get(error.name or '', error.name)}"
         ) from error
     except MemoryError as error:
         raise MeshError(f"{path} declares more data than fit into memory. Is it damaged? Write it again.") from error

@@ -204,14 +204,6 @@ def test_a_file_without_read_permission_is_not_called_damaged(tmp_path, monkeypa
     assert "cut off" not in str(caught.value)
 
 
-def test_points_in_coordinate_systems_of_their_own_are_refused(tmp_path):
-    file = tmp_path / "mesh.bdf"
-    meshio.write(file, meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]))
-    file.write_text(file.read_text().replace("BEGIN BULK\n", "BEGIN BULK\nCORD2C  1\n"))
-    with pytest.raises(MeshError, match=r"coordinate systems of its own \(CORD\.\.\.\)"):
-        read_mesh(file)
-
-
 def test_tetgen_elements_out_of_order_are_refused(tmp_path):
     whole = written("tetgen")
     (tmp_path / "mesh.node").write_bytes(whole.companions[".node"])
@@ -315,14 +307,3 @@ def test_inconsistent_su2_files_are_refused(old, new, message, tmp_path):
     (tmp_path / "mesh.su2").write_text(SU2.replace(old, new, 1))
     with pytest.raises(MeshError, match=message):
         read_mesh(tmp_path / "mesh.su2")
-
-
-def test_a_node_that_nastran_does_not_define_is_named(tmp_path):
-    """The id of one node occurs twice, and its own id is missing; meshio raises a KeyError."""
-    file = tmp_path / "mesh.nas"
-    write(file, TETS.p.T, [("tetra", TETS.t.T)])
-    text = file.read_text()
-    file.write_text(text.replace(f"{'GRID*':8}{2:<16}", f"{'GRID*':8}{1:<16}", 1))
-    assert file.read_text() != text
-    with pytest.raises(MeshError, match="names 2, which is not defined in it"):
-        read_mesh(file)

@@ -1,7 +1,5 @@
 """Exodus files: blocks, side sets and node sets keep their names, or have their IDs."""
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -128,10 +126,3 @@ def test_shells_have_two_sides_and_edges_and_points_are_left_out(tmp_path):
 def test_inconsistent_files_are_refused(blocks, sides, nodes, message, tmp_path):
     with pytest.raises(MeshError, match=message):
         read_mesh(write(tmp_path / "bad.e", np.array(CORNERS["tetra"], dtype=float), blocks, sides, nodes))
-
-
-def test_a_missing_package_is_named_with_the_line_that_installs_it(monkeypatch, tmp_path):
-    monkeypatch.setitem(sys.modules, "netCDF4", None)
-    (tmp_path / "bar.e").write_bytes(b"CDF\x02")
-    with pytest.raises(MeshError, match=r"netCDF4, which is not installed: pip install 'skfem-stvk\[exodus\]'"):
-        read_mesh(tmp_path / "bar.e")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import meshio
 
-from . import abaqus, binary, exodus, gmsh, med, texts, vtk, xml_files
+from . import abaqus, binary, exodus, gmsh, med, nastran, texts, vtk, xml_files
 from .stream import Counts, Damaged, Source
 
 #: Readers of this package, by the ending of a file.
@@ -19,6 +19,7 @@ READERS: dict[str, Callable[[Path], meshio.Mesh]] = {
     ".inp": abaqus.read,
     **dict.fromkeys((".e", ".ex2", ".exo", ".exii", ".g", ".gen"), exodus.read),
     **dict.fromkeys((".med", ".mmed"), med.read),
+    **dict.fromkeys((".bdf", ".fem", ".nas"), nastran.read),
     ".vtk": vtk.read,
     ".vtu": xml_files.read,
 }
@@ -33,15 +34,13 @@ CHECKS: dict[str, Callable[[Path], Counts]] = {
     ".off": texts.counted,
     ".ply": binary.ply,
     ".stl": binary.stl,
-    ".bdf": texts.nastran,
-    ".fem": texts.nastran,
-    ".nas": texts.nastran,
     ".xdmf": xml_files.xdmf,
     ".xmf": xml_files.xdmf,
 }
 #: Other files that belong to a mesh file, by its ending.
 PARTS: dict[str, Callable[[Path], Iterable[Path]]] = {
     ".inp": abaqus.included,
+    **dict.fromkeys((".bdf", ".fem", ".nas"), nastran.parts),
     ".ele": texts.tetgen_files,
     ".node": texts.tetgen_files,
     ".xdmf": xml_files.xdmf_data,

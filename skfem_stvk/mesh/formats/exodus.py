@@ -44,13 +44,13 @@ SIDES = {
 
 def read(path: Path) -> meshio.Mesh:
     """Read nodes, blocks of elements as sets of cells, side sets as sets of facets, and node sets."""
+    from netCDF4 import Dataset
+
     try:
-        from netCDF4 import Dataset
-    except ImportError as error:
-        raise Damaged(
-            f"Exodus files need the package netCDF4, which is not installed: pip install 'skfem-stvk[exodus]' ({error})"
-        ) from error
-    with Dataset(path) as file:
+        file = Dataset(path)
+    except OSError as error:
+        raise Damaged("it is not a netCDF file, or is cut off after some of its bytes") from error
+    with file:
         file.set_auto_mask(False)
         data = dict(file.variables)
         points = np.stack(

@@ -36,7 +36,11 @@ def read(path: Path) -> meshio.Mesh:
     """Read nodes and elements, and their groups as sets. A family is in several groups; family 0 is in none."""
     import h5py
 
-    with h5py.File(path) as file:
+    try:
+        file = h5py.File(path)
+    except OSError as error:
+        raise Damaged("it is not an HDF5 file, or is cut off after some of its bytes") from error
+    with file:
         if len(file["ENS_MAA"]) != 1:
             raise Damaged(
                 f"it has {len(file['ENS_MAA'])} meshes ({', '.join(file['ENS_MAA'])[:60]}); expected one. Export it alone"

@@ -1,4 +1,4 @@
-"""Text formats that meshio reads, each checked before: a table of the formats that declare their counts, and Nastran's."""
+"""Text formats that meshio reads, each checked before: a table of the formats that declare their counts."""
 
 from __future__ import annotations
 
@@ -206,36 +206,3 @@ def tetgen(path: Path) -> Counts:
 def tetgen_files(path: Path) -> list[Path]:
     """Return both files of TetGen's pair."""
     return [path.with_suffix(".node"), path.with_suffix(".ele")]
-
-
-#: Cards of Nastran's elements that meshio reads, and beginnings of cards that it skips without a warning.
-NASTRAN = (
-    "CELAS1 CBEAM CBUSH CBUSH1D CROD CGAP CBAR CTRIAR CTRIA3 CTRAX6 CTRIAX6 CTRIA6 CQUADR CSHEAR CQUAD4 CQUAD8 CQUAD9 CTETRA "
-    "CPYRAM CPYRA CPENTA CHEXA"
-)
-ELEMENTS = ("CTET", "CHEX", "CPEN", "CPYR", "CTRI", "CTRA", "CQUAD", "CBAR", "CBEAM", "CROD", "CSHEAR", "CELAS1", "CBUSH", "CGAP")
-
-
-def nastran(path: Path) -> Counts:
-    """Return the number of nodes and elements of Nastran's bulk data; refuse other coordinate systems."""
-    with Source(path) as source:
-        check_last_line(source.file)
-        source.file.seek(0)
-        every = b"".join(iter(source.raw_line, b"")).decode(errors="replace").splitlines()
-    lines = [line for line in every if line.strip() and not line.startswith(("$", "//", "#"))]
-    starts = [number for number, line in enumerate(lines) if line.startswith("BEGIN BULK")]
-    ends = [number for number, line in enumerate(lines) if line.startswith("ENDDATA")]
-    if not starts or not ends or ends[0] < starts[0]:
-        raise Damaged("BEGIN BULK or ENDDATA is missing")
-    cards = [re.split("[ ,\t]", line[:8], maxsplit=1)[0] for line in lines[starts[0] + 1 : ends[0]] if line[0] not in "+* "]
-    known = set(NASTRAN.split())
-    if bad := [card for card in cards if not re.fullmatch(r"[A-Z][A-Z0-9]*\*?", card)]:
-        raise Damaged(f"{', '.join(bad[:3])[:60]!r} were found; expected names of cards in capital letters")
-    if lost := [card for card in cards if card.startswith(ELEMENTS) and card not in known]:
-        raise Damaged(
-            f"{len(lost)} elements {', '.join(sorted(set(lost)))[:60]} are not supported (written in the small field format they "
-            "are)"
-        )
-    if any(card.startswith("CORD") for card in cards):
-        raise Damaged("it has coordinate systems of its own (CORD...); write all coordinates in the basic one")
-    return sum(card in ("GRID", "GRID*") for card in cards), sum(card in known for card in cards)
