@@ -66,7 +66,7 @@ def content_of(
     try:
         sets = cell_groups(raw, base)
         t, subdomains = nodes(raw.cells, base, element), groups_of_kind(sets, raw, base)
-        if "gmsh:physical" in raw.cell_data:
+        if "gmsh:physical" in raw.cell_data or (raw.info or {}).get("format") == "gmsh":
             t, subdomains = merge_copies(t, subdomains)
         facets, lines = facet_groups(raw, sets, base), line_groups(raw, sets, base)
         ends = [groups[key].ravel() for groups in (facets, lines) for key in keep if key in groups]

@@ -70,7 +70,7 @@ ELEMENTS = MSH[MSH.index("$Elements") :]
         (MSH.replace("2 3 4 5", "2 3 4 0"), r"its elements: 1 node \(0\)"),
         (
             MSH.replace("5 1 1 1", "0 1 1 1").replace("2 3 4 5", "2 3 4 0"),
-            r"tags from 0 to 4; expected whole numbers from 1 \(not 0\)",
+            r"tags from 0 to 4; expected whole numbers from 1",
         ),
         (
             MSH.replace("$Elements\n2", "$Elements\n1"),
@@ -78,7 +78,7 @@ ELEMENTS = MSH[MSH.index("$Elements") :]
         ),
         (
             MSH.replace("$Elements\n2", "$Elements\n3"),
-            r"the element '\$EndElements' has not|3 elements are declared, 2 were found|invalid",
+            r"3 elements are declared, 2 were found|contain other text than whole numbers",
         ),
         (MSH.replace("$Nodes\n5", "$Nodes\n4"), r"5 1 1 1 follows the entries that \$Nodes declares; expected \$EndNodes"),
         (MSH.replace("\n5 1 1 1", "\n4 1 1 1"), r"1 node \(4\) more than once"),
@@ -89,8 +89,7 @@ ELEMENTS = MSH[MSH.index("$Elements") :]
         (MSH + ELEMENTS, r"\$Elements occurs twice"),
         (MSH.replace("5 1 1 1", "5 1 1 nan"), r"1 vertex \(4\) with coordinates that are not finite"),
         (MSH.replace("$Nodes\n5", "$Nodes\n-5"), "number of nodes = '-5'; expected a whole number"),
-        (MSH.replace("2.2 0 8", "7.0 0 8"), "it is of version 7.0; versions 2.2, 4.0 and 4.1 are read"),
-        (MSH.replace("5 1 1 1", "700000000 1 1 1"), "expected whole numbers from 1 .* to at most 10000"),
+        (MSH.replace("2.2 0 8", "7.0 0 8"), "it is of version 7.0; versions 2.0 - 2.2, 4.0 and 4.1 are read"),
     ],
 )
 def test_inconsistent_gmsh_files_are_refused(text, message, tmp_path):

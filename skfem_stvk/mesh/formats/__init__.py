@@ -19,13 +19,13 @@ READERS: dict[str, Callable[[Path], meshio.Mesh]] = {
     ".inp": abaqus.read,
     **dict.fromkeys((".e", ".ex2", ".exo", ".exii", ".g", ".gen"), exodus.read),
     **dict.fromkeys((".med", ".mmed"), med.read),
+    ".msh": gmsh.read,
     **dict.fromkeys((".bdf", ".fem", ".nas"), nastran.read),
     ".vtk": vtk.read,
     ".vtu": xml_files.read,
 }
 #: Checks of a file before meshio reads it, by its ending: numbers of nodes and of elements.
 CHECKS: dict[str, Callable[[Path], Counts]] = {
-    ".msh": gmsh.check,
     ".mesh": texts.counted,
     ".meshb": binary.medit,
     ".ele": texts.tetgen,
