@@ -141,9 +141,9 @@ def test_a_fifo_among_the_files_that_an_input_file_includes_is_refused(tmp_path)
 
 
 def test_vtk_cells_of_unknown_types_are_refused(tmp_path):
-    content = written("vtk").content.replace(b"CELL_TYPES 40\n10\n10", b"CELL_TYPES 40\n10\n11")
+    content = written("vtk").content.replace(b"CELL_TYPES 40\n10\n10", b"CELL_TYPES 40\n10\n15")
     (tmp_path / "mesh.vtk").write_bytes(content)
-    with pytest.raises(MeshError, match="1 cells are of VTK's types 11, which are not supported"):
+    with pytest.raises(MeshError, match="1 cells are of VTK's types 15, which are not supported"):
         read_mesh(tmp_path / "mesh.vtk")
 
 

@@ -28,7 +28,7 @@ def test_an_unknown_extension_is_refused_with_the_known_ones(tmp_path):
     ("name", "format_"),
     [
         ("a b.avs", "AVS-UCD"), ("m.dat", "Tecplot"), ("m.dato.gz", "Permas"), ("m.f3grid", "FLAC3D"), ("m.mdpa", "Kratos"),
-        ("m.OBJ", "Wavefront OBJ"), ("m.lb8.ugrid", "UGRID"), ("m.vol.gz", "Netgen"), ("m.wkt", "WKT"), ("m.xml", "DOLFIN XML"),
+        ("m.lb8.ugrid", "UGRID"), ("m.vol.gz", "Netgen"), ("m.wkt", "WKT"), ("m.xml", "DOLFIN XML"),
     ],
 )  # fmt: skip
 def test_a_format_without_damage_checks_is_refused_with_the_command_that_converts_it(name, format_, tmp_path):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import meshio
 
-from . import abaqus, binary, exodus, gmsh, med, nastran, texts, vtk, xml_files
+from . import abaqus, binary, exodus, gmsh, med, medit, nastran, surfaces, texts, vtk, xml_files
 from .stream import Counts, Damaged, Source
 
 #: Readers of this package, by the ending of a file.
@@ -19,19 +19,20 @@ READERS: dict[str, Callable[[Path], meshio.Mesh]] = {
     ".inp": abaqus.read,
     **dict.fromkeys((".e", ".ex2", ".exo", ".exii", ".g", ".gen"), exodus.read),
     **dict.fromkeys((".med", ".mmed"), med.read),
+    ".mesh": medit.read,
     ".msh": gmsh.read,
     **dict.fromkeys((".bdf", ".fem", ".nas"), nastran.read),
+    ".obj": surfaces.obj,
+    ".off": surfaces.off,
     ".vtk": vtk.read,
     ".vtu": xml_files.read,
 }
 #: Checks of a file before meshio reads it, by its ending: numbers of nodes and of elements.
 CHECKS: dict[str, Callable[[Path], Counts]] = {
-    ".mesh": texts.counted,
     ".meshb": binary.medit,
     ".ele": texts.tetgen,
     ".node": texts.tetgen,
     ".su2": texts.counted,
-    ".off": texts.counted,
     ".ply": binary.ply,
     ".stl": binary.stl,
     ".xdmf": xml_files.xdmf,
@@ -53,7 +54,6 @@ REFUSED = {
     **dict.fromkeys((".dato", ".dato.gz", ".post", ".post.gz"), "Permas"),
     ".f3grid": "FLAC3D",
     ".mdpa": "Kratos",
-    ".obj": "Wavefront OBJ",
     ".ugrid": "UGRID",
     **dict.fromkeys((".vol", ".vol.gz"), "Netgen"),
     ".wkt": "WKT",

@@ -68,16 +68,6 @@ def count(what: str) -> str:
 
 #: Numbers per entry of SU2's elements including their type, by VTK's types.
 SU2 = {3: 3, 5: 4, 9: 5, 10: 5, 12: 9, 13: 7, 14: 6}
-#: Numbers per entry of Medit's sections, including their tags.
-MEDIT = {
-    "cells": {"Edges": 3, "Triangles": 4, "Quadrilaterals|Tetrahedra": 5, "Pyramids": 6, "Prisms": 7, "Hexahedra|Hexaedra": 9},
-    "others": {
-        "Corners|RequiredVertices|Ridges|RequiredEdges": 1,
-        "NormalAtVertices|TangentAtVertices|VertexOnGeometricVertex|EdgeOnGeometricEdge": 2,
-        "VertexOnGeometricEdge": 3,
-        "SubDomainFromMesh": 4,
-    },
-}
 #: The head of a polygon file whose faces have one list, and of its elements.
 PLY = (
     rf"ply\nformat (?P<form>\w+) 1\.0\nelement vertex {count('nodes')}\n(?P<of_vertex>(?:property \w+ \w+\n)+)"
@@ -85,7 +75,6 @@ PLY = (
     r"(?P<more>(?:property \w+ \w+\n)*)end_header"
 )
 TEXTS = {
-    ".off": Text(("#",), ("OFF",), (Section(rf"OFF\n{count('nodes')}\s+{count('cells')}\s+\d+", (3, 4)),)),
     ".node": Text(
         ("#",),
         ("",),
@@ -113,19 +102,6 @@ TEXTS = {
             Section(r"NMARK=\s*(?P<repeated>\d+)"),
             Section(rf"MARKER_TAG=.*\nMARKER_ELEMS=\s*{count('cells')}", by_first=SU2.__getitem__, repeats=True),
             Section(r"(?!NDIME|NPOIN|NELEM|NMARK|MARKER_)\w+=.*"),
-        ),
-    ),
-    ".mesh": Text(
-        ("#",),
-        ("Vertices", "End"),
-        (
-            Section(r"MeshVersionFormatted\s+\d"),
-            Section(r"Dimension\s+(?P<dimension>\d)"),
-            Section(r"(Identifier|Geometry)\n.*"),
-            Section(rf"Vertices\n{count('nodes')}", (lambda known: int(known["dimension"]) + 1,)),
-            Section(rf"(Normals|Tangents)\n{count('others')}", (lambda known: int(known["dimension"]),)),
-            *(Section(rf"({name})\n{count(what)}", (width,)) for what, widths in MEDIT.items() for name, width in widths.items()),
-            Section("End"),
         ),
     ),
     ".ply": Text(
