@@ -30,6 +30,7 @@ from .groups import (
     node_groups,
     nodes,
 )
+from .split import split_cells
 
 
 class Content(NamedTuple):
@@ -54,12 +55,18 @@ def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
 
 
 def content_of(
-    raw: meshio.Mesh, name: str, degree: int | None = None, dimension: int | None = None, keep: Collection[str] = ()
+    raw: meshio.Mesh,
+    name: str,
+    degree: int | None = None,
+    dimension: int | None = None,
+    keep: Collection[str] = (),
+    split: bool = True,
 ) -> Content:
     """Return the elements of a mesh as read, whose cells have been checked; messages begin with `name`.
 
     The other arguments are those of `read_mesh`.
     """
+    inner, raw = inner_nodes(raw.cells), split_cells(raw, name, split)
     base = base_of(raw, name)
     element = element_of(raw, base, degree)
     warn_of_cells(raw, element, degree)
@@ -74,7 +81,6 @@ def content_of(
         p = in_dimension(np.asarray(raw.points, dtype=np.float64).T[:, numbers.order], base.k, dimension_of(raw, dimension))
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from error
-    inner = inner_nodes(raw.cells)
     warn_of_vertices(len(raw.points), base, numbers.order, inner)
     boundaries = {key: numbers.number[ids] for key, ids in facets_on(numbers.order, facets).items()}
     cables = {key: numbers.number[ids] for key, ids in lines.items()}

@@ -25,7 +25,12 @@ def is_partition(path: str | os.PathLike[str]) -> bool:
 
 
 def read_mesh(
-    path: str | Path, degree: int | None = None, *, dimension: int | None = None, keep: Collection[str] = ()
+    path: str | Path,
+    degree: int | None = None,
+    *,
+    dimension: int | None = None,
+    keep: Collection[str] = (),
+    split: bool = True,
 ) -> ElementMesh:
     """Read the elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/reference/mesh-files.md`.
 
@@ -51,6 +56,9 @@ def read_mesh(
     keep
         Names of groups of facets or segments that terms use as their own elements, `StVK(..., simplices=NAME)`. Their nodes stay,
         even without another element.
+    split
+        Whether wedges, pyramids, hexahedra with a repeated vertex, and elements of another kind beside them are split into
+        tetrahedra, and quadrilaterals beside triangles into triangles, with a warning. False refuses such a file.
 
     Returns
     -------
@@ -80,7 +88,7 @@ def read_mesh(
 
     file = checked_path("path", path, "the path of a mesh file", MeshError)
     degree, names = None if degree is None else checked_degree(degree), (keep,) if isinstance(keep, str) else keep
-    mesh = ElementMesh.made_of(content_of(load(file), str(file), degree, dimension, names), str(file))
+    mesh = ElementMesh.made_of(content_of(load(file), str(file), degree, dimension, names, split), str(file))
     return mesh if degree is None else mesh.with_degree(degree)
 
 

@@ -11,6 +11,7 @@ from meshio.gmsh import gmsh_to_meshio_type
 from numpy.typing import NDArray
 
 from ..groups import node_count
+from .sides import LAGRANGE
 from .stream import LONGEST, Damaged, Source, check_known, check_unique, count_of
 
 Ids = NDArray[np.int64]
@@ -110,7 +111,7 @@ class Sections:
             of_kind = [block for block in blocks if block.kind == kind]
             name, table = gmsh_to_meshio_type[kind], np.concatenate([block.nodes for block in of_kind])
             table = order[np.searchsorted(nodes[order], table)]
-            cells.append((name, table[:, ORDERS[name]] if name in ORDERS else table))
+            cells.append((LAGRANGE.get(name, name), table[:, ORDERS[name]] if name in ORDERS else table))
             groups = np.concatenate([block.groups for block in of_kind])
             of_tag: dict[str, list[int]] = {}
             for row in np.unique(groups[groups >= 0]).tolist():
@@ -226,7 +227,10 @@ class Sections:
         blocks = []
         for kind, tags, table in tables:
             physical = table[:, 1] if tags else np.zeros(len(table), dtype=np.int64)
-            dimension, row = meshio.CellBlock(gmsh_to_meshio_type[kind], table[:0]).dim, np.full(len(table), -1)
+            dimension, row = (
+                meshio.CellBlock(LAGRANGE.get(gmsh_to_meshio_type[kind], gmsh_to_meshio_type[kind]), table[:0]).dim,
+                np.full(len(table), -1),
+            )
             for tag in np.unique(physical[physical != 0]).tolist():
                 self.groups.setdefault((dimension, tag), [tag])
                 row[physical == tag] = list(self.groups).index((dimension, tag))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...errors import name_ids, warn
 from ..groups import node_count
 from .exodus import ORDERS
-from .sides import Ids
+from .sides import LAGRANGE, Ids
 from .stream import Damaged, Source, check_known, check_unique
 
 Points = NDArray[np.float64]
@@ -73,7 +73,7 @@ def read(path: Path) -> meshio.Mesh:
     for kind, table in rows.items():
         check_known(table[:, 2:], ids[order], "node", "its elements")
         nodes = order[np.searchsorted(ids[order], table[:, 2:])]
-        cells.append((kind, nodes[:, ORDERS[kind]] if kind in ORDERS else nodes))
+        cells.append((LAGRANGE.get(kind, kind), nodes[:, ORDERS[kind]] if kind in ORDERS else nodes))
         properties.append(table[:, 1])
     return meshio.Mesh(points, cells, cell_data={"nastran:ref": properties})
 

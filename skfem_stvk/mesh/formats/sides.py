@@ -14,6 +14,8 @@ Ids = NDArray[np.int64]
 Sides = dict[str, Ids]
 #: Types of facets in meshio's terms by their number of corners.
 FACETS = {2: "line", 3: "triangle", 4: "quad"}
+#: Names for meshio of cells of second order that it does not know.
+LAGRANGE = {"wedge15": "VTK_LAGRANGE_WEDGE", "pyramid13": "VTK_LAGRANGE_PYRAMID"}
 NO_IDS = np.empty(0, dtype=np.int64)
 
 
@@ -56,7 +58,7 @@ def mesh_of(
     points: NDArray[np.float64], blocks: list[Block], node_sets: Mapping[str, Ids], places: Mapping[str, Sides]
 ) -> meshio.Mesh:
     """Return a mesh with the places, by name, as sets of cells: of the elements, and of facets, which are added as cells."""
-    cells = [(block.kind, block.cells) for block in blocks]
+    cells = [(LAGRANGE.get(block.kind, block.kind), block.cells) for block in blocks]
     sets = {name: [within(block, sides.get("elements", NO_IDS)) for block in blocks] for name, sides in places.items()}
     for kind in FACETS.values():
         tables = {name: sides[kind] for name, sides in places.items() if len(sides.get(kind, NO_IDS))}
