@@ -89,10 +89,10 @@ def test_a_mixed_mesh_fills_its_volume_and_its_faces_match(seed, tmp_path):
         mesh = read_mesh(path)
     volumes = np.abs(sizes(mesh.p.T, mesh.t.T))
     assert np.isclose(volumes.sum(), 8) and mesh.nv == 29
-    assert mesh.surface.shape[1] == 2 * 24 and np.isclose(volumes[mesh.subdomains["boxes"]].sum(), 4)
-    assert np.isclose(volumes[mesh.subdomains["rest"]].sum(), 4) and mesh.boundaries["top"].shape == (3, 8)
+    assert mesh.surface.shape[1] == 2 * 24 and np.isclose(volumes[mesh.subdomains["boxes:1"]].sum(), 4)
+    assert np.isclose(volumes[mesh.subdomains["rest:1"]].sum(), 4) and mesh.boundaries["top:1"].shape == (3, 8)
     found = {frozenset(facet) for facet in mesh.surface.T}
-    assert {frozenset(facet) for facet in mesh.boundaries["top"].T} <= found
+    assert {frozenset(facet) for facet in mesh.boundaries["top:1"].T} <= found
     with pytest.raises(
         MeshError, match=r"holds 4 hexahedron, 4 wedge and 12 pyramid cells; expected one kind of element.*split=True"
     ):
