@@ -6,7 +6,7 @@ import meshio
 import numpy as np
 import pytest
 
-from skfem_stvk import MeshError, StvkWarning, read_mesh
+from skfem_stvk import ElementMesh, MeshError, StvkWarning, read_mesh
 from skfem_stvk.mesh.split import FACES, tetrahedra
 
 #: Corners of unit cells in VTK's order, and their volumes.
@@ -54,8 +54,8 @@ def write(path, points, cells, **sets):
     return path
 
 
-def mixed(tmp_path, seed):
-    """Write a block of hexahedra, wedges, pyramids and tetrahedra with faces that match, whose nodes have numbers at random."""
+def mixed(seed):
+    """Return a block of hexahedra, wedges, pyramids and tetrahedra with faces that match, whose nodes have numbers at random."""
     rng = np.random.default_rng(seed)
     grid = np.array([[x, y, z] for z in range(3) for y in range(3) for x in range(3)], dtype=float)
     at = {tuple(x): i for i, x in enumerate(grid)}
@@ -77,26 +77,24 @@ def mixed(tmp_path, seed):
     ]
     cells.append(("quad", number[top]))
     sets = {"boxes": [[0, 1, 2, 3], [], [], []], "rest": [[], [0, 1, 2, 3], list(range(12)), []], "top": [[], [], [], [0, 1, 2, 3]]}
-    return write(
-        tmp_path / "mixed.vtu", moved, cells, **{name: [np.array(ids, dtype=int) for ids in found] for name, found in sets.items()}
-    )
+    return meshio.Mesh(moved, cells, cell_sets={name: [np.array(ids, dtype=int) for ids in found] for name, found in sets.items()})
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_mixed_mesh_fills_its_volume_and_its_faces_match(seed, tmp_path):
-    path = mixed(tmp_path, seed)
+    raw = mixed(seed)
     with pytest.warns(StvkWarning, match=f"^4 hexahedron, 4 wedge and 12 pyramid cells {NOTE}"):
-        mesh = read_mesh(path)
+        mesh = ElementMesh.of(raw)
     volumes = np.abs(sizes(mesh.p.T, mesh.t.T))
     assert np.isclose(volumes.sum(), 8) and mesh.nv == 29
-    assert mesh.surface.shape[1] == 2 * 24 and np.isclose(volumes[mesh.subdomains["boxes:1"]].sum(), 4)
-    assert np.isclose(volumes[mesh.subdomains["rest:1"]].sum(), 4) and mesh.boundaries["top:1"].shape == (3, 8)
+    assert mesh.surface.shape[1] == 2 * 24 and np.isclose(volumes[mesh.subdomains["boxes"]].sum(), 4)
+    assert np.isclose(volumes[mesh.subdomains["rest"]].sum(), 4) and mesh.boundaries["top"].shape == (3, 8)
     found = {frozenset(facet) for facet in mesh.surface.T}
-    assert {frozenset(facet) for facet in mesh.boundaries["top:1"].T} <= found
+    assert {frozenset(facet) for facet in mesh.boundaries["top"].T} <= found
     with pytest.raises(
         MeshError, match=r"holds 4 hexahedron, 4 wedge and 12 pyramid cells; expected one kind of element.*split=True"
     ):
-        read_mesh(path, split=False)
+        read_mesh(write(tmp_path / "mixed.vtu", raw.points, raw.cells), split=False)
 
 
 def test_hexahedra_with_a_repeated_vertex_are_what_they_are(tmp_path):
