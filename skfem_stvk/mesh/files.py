@@ -12,7 +12,7 @@ import numpy as np
 
 from ..errors import MeshError, StvkWarning
 from .content import check_cells
-from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, Damaged, refused
+from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, CutOff, Damaged, refused
 
 #: What pip installs for a package, if it is an extra of this one.
 EXTRAS = {"netCDF4": "'skfem-stvk[exodus]'"}
@@ -24,7 +24,7 @@ def load(path: Path) -> meshio.Mesh:
     try:
         return checked(path)
     except Damaged as error:
-        raise damaged(path, str(error)) from error
+        raise damaged(path, str(error), isinstance(error, CutOff)) from error
     except PermissionError as error:
         raise MeshError(f"{path} cannot be read: {error.strerror}. Change its permissions, or copy it.") from error
     except ModuleNotFoundError as error:
@@ -37,7 +37,7 @@ def load(path: Path) -> meshio.Mesh:
     except StvkWarning:  # a note of what is left out, which the user has made an error
         raise
     except Exception as error:
-        raise damaged(path, f"{type(error).__name__}: {error}") from error
+        raise damaged(path, f"its content is inconsistent ({error})", False) from error
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -107,9 +107,6 @@ def check_file(path: Path) -> None:
         raise MeshError(f"{path} is empty. Did the program that writes it fail, or is it still writing?")
 
 
-def damaged(path: Path, reason: str) -> MeshError:
-    """Return the error for a file with inconsistent content."""
-    again = "Write it again" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
-    return MeshError(
-        f"{path} could not be read: {reason.rstrip('.: ')}. Is it cut off, or not really a {path.suffix} file? {again}"
-    )
+def damaged(path: Path, reason: str, cut_off: bool) -> MeshError:
+    """Return the error for a file that cannot be read; one of which something is missing may be cut off."""
+    return MeshError(f"{path} could not be read: {reason.rstrip('.: ')}.{' Is it cut off? Write it again.' if cut_off else ''}")

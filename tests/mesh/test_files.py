@@ -87,7 +87,7 @@ def test_a_file_that_is_cut_off_is_refused_and_nothing_is_printed(ending, option
     meshio.write(file, meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]), **options)
     file.write_bytes(file.read_bytes()[: int(part * file.stat().st_size)])
     capfd.readouterr()
-    with pytest.raises(MeshError, match=rf"mesh\.{ending}.*(Is it cut off, or|outside 0)"):
+    with pytest.raises(MeshError, match=rf"mesh\.{ending}.*could not be read"):
         read_mesh(file)
     assert capfd.readouterr() == ("", "")
 

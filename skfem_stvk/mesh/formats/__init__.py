@@ -12,7 +12,7 @@ from pathlib import Path
 import meshio
 
 from . import abaqus, binary, exodus, gmsh, med, medit, nastran, surfaces, texts, vtk, xml_files
-from .stream import Counts, Damaged, Source
+from .stream import Counts, CutOff, Damaged, Source
 
 #: Readers of this package, by the ending of a file.
 READERS: dict[str, Callable[[Path], meshio.Mesh]] = {
@@ -69,4 +69,4 @@ def refused(path: Path) -> str | None:
     return REFUSED.get(path.suffix.lower(), REFUSED.get("".join(path.suffixes[-2:]).lower()))
 
 
-__all__ = ["CHECKS", "PARTS", "READERS", "REFUSED", "Counts", "Damaged", "refused"]
+__all__ = ["CHECKS", "PARTS", "READERS", "REFUSED", "Counts", "CutOff", "Damaged", "refused"]

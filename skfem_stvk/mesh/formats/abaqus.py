@@ -22,7 +22,7 @@ from scipy.spatial.transform import Rotation
 from ...errors import name_ids, warn
 from ..groups import node_count
 from .sides import FACETS, NO_IDS, Block, Ids, Sides, joined, mesh_of, parts_of
-from .stream import Damaged, Source, check_known, check_unique
+from .stream import CutOff, Damaged, Source, check_known, check_unique
 
 Points = NDArray[np.float64]
 #: Types of elements by the type of their cells in meshio's terms. Letters may follow, such as H, I, M, R, T of the same element.
@@ -529,7 +529,7 @@ class Files:
             for raw in iter(source.raw_line, b""):
                 line = decoded(raw).strip()
                 if raw[-1:] not in (b"\n", b"\r", b"\x1a", b"\0") and line[:1] not in ("", "*"):
-                    raise Damaged(
+                    raise CutOff(
                         "its last line has no end, so it may be cut within a number (end it with a newline if it is complete)"
                     )
                 if not line or line.startswith("**") or line == "*":

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .stream import Counts, Damaged, Source
+from .stream import Counts, CutOff, Damaged, Source
 from .texts import TEXTS, counted, heads
 
 #: Numbers per entry of Medit's sections of cells, by their keywords.
@@ -73,7 +73,7 @@ def faces_of(data: bytes, faces: int, length: np.dtype[Any], index: np.dtype[Any
     offset = 0
     for face in range(faces):
         if offset + length.itemsize > len(data):
-            raise Damaged(f"{faces} faces are declared, {face} were found")
+            raise CutOff(f"{faces} faces are declared, {face} were found")
         corners = int(np.frombuffer(data, length, 1, offset)[0])
         if corners < 3:
             raise Damaged(f"its face {face} has {corners} vertices")

@@ -11,7 +11,7 @@ import numpy as np
 from ...errors import warn
 from ..groups import node_count
 from .sides import Block, Ids, Sides, joined, mesh_of, parts_of
-from .stream import Damaged, check_known
+from .stream import CutOff, Damaged, check_known
 
 #: Types of cells in meshio's terms by the beginning of Exodus' names of elements, and by their number of nodes.
 KINDS = {
@@ -49,7 +49,7 @@ def read(path: Path) -> meshio.Mesh:
     try:
         file = Dataset(path)
     except OSError as error:
-        raise Damaged("it is not a netCDF file, or is cut off after some of its bytes") from error
+        raise CutOff("it is not a netCDF file, or a part of one") from error
     with file:
         file.set_auto_mask(False)
         data = dict(file.variables)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..groups import node_count
 from .sides import LAGRANGE
-from .stream import LONGEST, Damaged, Source, check_known, check_unique, count_of
+from .stream import LONGEST, CutOff, Damaged, Source, check_known, check_unique, count_of
 
 Ids = NDArray[np.int64]
 Points = NDArray[np.float64]
@@ -99,7 +99,7 @@ class Sections:
             else:
                 self.skip(name)
         if self.nodes is None or self.blocks is None:
-            raise Damaged("$Nodes or $Elements is missing")
+            raise CutOff("$Nodes or $Elements is missing")
         return self.combined(self.nodes, self.blocks)
 
     def combined(self, nodes: Ids, blocks: list[Block]) -> meshio.Mesh:
@@ -129,7 +129,7 @@ class Sections:
         for raw in iter(lambda: self.source.file.readline(LONGEST), b""):  # binary numbers may have no end of a line
             if raw.rstrip().endswith(f"$End{name}".encode()):
                 return
-        raise Damaged(f"${name[:60]} not closed by $End{name[:60]}")
+        raise CutOff(f"${name[:60]} not closed by $End{name[:60]}")
 
     def data(self, name: str) -> None:
         """Read numbers of elements, such as those by which scikit-fem marks subdomains; skip numbers of nodes."""

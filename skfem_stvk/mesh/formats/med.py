@@ -9,7 +9,7 @@ import meshio
 import numpy as np
 
 from .sides import Block, Ids, mesh_of
-from .stream import Damaged
+from .stream import CutOff, Damaged
 
 #: Types of cells in meshio's terms, and their nodes in VTK's order; solids are mirrored in MED.
 KINDS: dict[str, tuple[str, tuple[int, ...]]] = {
@@ -39,7 +39,7 @@ def read(path: Path) -> meshio.Mesh:
     try:
         file = h5py.File(path)
     except OSError as error:
-        raise Damaged("it is not an HDF5 file, or is cut off after some of its bytes") from error
+        raise CutOff("it is not an HDF5 file, or a part of one") from error
     with file:
         if len(file["ENS_MAA"]) != 1:
             raise Damaged(

@@ -7,7 +7,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 
-from .stream import Damaged, Source, check_known, count_of
+from .stream import CutOff, Damaged, Source, check_known, count_of
 
 #: Types of cells in meshio's terms, and their nodes in VTK's order if the file has another one, by section.
 CELLS: dict[str, tuple[str, int, tuple[int, ...]]] = {
@@ -44,7 +44,7 @@ def read(path: Path) -> meshio.Mesh:
             if not words:
                 words.extend(source.line().split())
             if not words:
-                raise Damaged(f"it ends where {what} is expected")
+                raise CutOff(f"it ends where {what} is expected")
             return words.pop(0)
 
         if (first := word("MeshVersionFormatted")) != "MeshVersionFormatted":

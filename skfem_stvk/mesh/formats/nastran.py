@@ -17,7 +17,7 @@ from ...errors import name_ids, warn
 from ..groups import node_count
 from .exodus import ORDERS
 from .sides import LAGRANGE, Ids
-from .stream import Damaged, Source, check_known, check_unique
+from .stream import CutOff, Damaged, Source, check_known, check_unique
 
 Points = NDArray[np.float64]
 #: Types of cells in meshio's terms, with corners alone and with all middle nodes, by the names of cards.
@@ -200,7 +200,7 @@ def bulk(path: Path, main: Path, count: list[int], depth: int) -> Iterator[str]:
         begins = [i for i, words in enumerate(heads) if words[:2] == [b"BEGIN", b"BULK"]]
         ends = any(words[:1] == [b"ENDDATA"] for words in heads)
         if begins and not ends:
-            raise Damaged("BEGIN BULK has no ENDDATA")
+            raise CutOff("BEGIN BULK has no ENDDATA")
         source.file.seek(0)
         for number, raw in enumerate(texts):
             line = raw.decode(errors="replace").partition("$")[0].rstrip()
@@ -213,7 +213,7 @@ def bulk(path: Path, main: Path, count: list[int], depth: int) -> Iterator[str]:
                 yield from bulk(included(line, main), main, count, depth + 1)
             else:
                 if raw[-1:] not in b"\n\r\x1a\0":
-                    raise Damaged(
+                    raise CutOff(
                         "its last line has no end, so it may be cut within a number (end it with a newline if it is complete)"
                     )
                 yield line

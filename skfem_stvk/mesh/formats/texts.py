@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .stream import Counts, Damaged, Source, check_last_line
+from .stream import Counts, CutOff, Damaged, Source, check_last_line
 
 #: Groups of all heads of a file so far.
 Known = dict[str, str]
@@ -133,7 +133,7 @@ def counted(path: Path) -> Counts:
                     entries(source, what, number, section.widths[index], known, text.numbered)
         check_last_line(source.file)
     if missing := [name for name in text.needed if name not in seen]:
-        raise Damaged(f"it has no {missing[0] or 'head'}")
+        raise CutOff(f"it has no {missing[0] or 'head'}")
     if (declared := int(known.get("repeated", 0))) != repeats:
         raise Damaged(f"{declared} markers are declared, {repeats} were found")
     return found["nodes"], found["cells"]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...arguments import Array
 from ...errors import name_ids
 from ..groups import node_count
-from .stream import Damaged, Source, check_last_line, count_of
+from .stream import CutOff, Damaged, Source, check_last_line, count_of
 
 #: Types of cells in meshio's words, by VTK's numbers.
 VTK = {1: "vertex", 3: "line", 5: "triangle", 7: "polygon", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
@@ -78,7 +78,7 @@ class Grid:
             self.section(word, words)
         self.make_structured()
         if self.points is None or (self.kind == "UNSTRUCTURED_GRID" and not {"CELLS", "CELL_TYPES"} <= seen):
-            raise Damaged("POINTS, CELLS or CELL_TYPES are missing")
+            raise CutOff("POINTS, CELLS or CELL_TYPES are missing")
         if not self.source.binary:
             check_last_line(self.source.file)
         return mesh_of(self.points, self.connectivity, self.ends, self.types, self.cell_data)
@@ -194,7 +194,7 @@ class Grid:
         heads, begin = list[int](), 0
         for _ in range(count):
             if begin >= numbers or table[begin] < 0:
-                raise Damaged(f"{count} cells are declared, {len(heads)} were found")
+                raise CutOff(f"{count} cells are declared, {len(heads)} were found")
             heads.append(begin)
             begin += 1 + int(table[begin])
         if begin != numbers:
