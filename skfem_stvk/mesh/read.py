@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..arguments import path as checked_path
 from ..errors import MeshError
+from .diagnostics import straightened
 from .mesh import ElementMesh, checked_degree
 
 #: Suffixes of partition files, of which each rank reads its part; see `skfem_stvk.ranks`.
@@ -31,6 +32,7 @@ def read_mesh(
     dimension: int | None = None,
     keep: Collection[str] = (),
     split: bool = True,
+    straighten: bool = False,
 ) -> ElementMesh:
     """Read the elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/reference/mesh-files.md`.
 
@@ -59,6 +61,8 @@ def read_mesh(
     split
         Whether wedges, pyramids, hexahedra with a repeated vertex, and elements of another kind beside them are split into
         tetrahedra, and quadrilaterals beside triangles into triangles, with a warning. False refuses such a file.
+    straighten
+        Whether quadratic elements that fold over themselves get straight edges, with a warning.
 
     Returns
     -------
@@ -89,7 +93,8 @@ def read_mesh(
     file = checked_path("path", path, "the path of a mesh file", MeshError)
     degree, names = None if degree is None else checked_degree(degree), (keep,) if isinstance(keep, str) else keep
     mesh = ElementMesh.made_of(content_of(load(file), str(file), degree, dimension, names, split), str(file))
-    return mesh if degree is None else mesh.with_degree(degree)
+    mesh = mesh if degree is None else mesh.with_degree(degree)
+    return straightened(mesh) if straighten else mesh
 
 
 def embedded_mesh() -> ElementMesh:

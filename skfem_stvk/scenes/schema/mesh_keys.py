@@ -48,10 +48,13 @@ class MeshFile(AnyMesh):
     split: Annotated[bool, key("Whether wedges, pyramids and cells beside them are split into simplices; false refuses them.")] = (
         True
     )
+    straighten: Annotated[bool, key("Whether quadratic elements that fold over themselves get straight edges.")] = False
 
     def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
         """Return the mesh, from a file relative to this folder, with all nodes of the groups to `keep`."""
-        mesh = read_mesh(folder / self.file, self.degree, dimension=self.dimension, keep=keep, split=self.split)
+        mesh = read_mesh(
+            folder / self.file, self.degree, dimension=self.dimension, keep=keep, split=self.split, straighten=self.straighten
+        )
         return mesh if self.scale == 1.0 else mesh.scaled(self.scale)
 
 
