@@ -59,8 +59,8 @@ def read_mesh(
         Names of groups of facets or segments that terms use as their own elements, `StVK(..., simplices=NAME)`. Their nodes stay,
         even without another element.
     split
-        Whether wedges, pyramids, hexahedra with a repeated vertex, and elements of another kind beside them are split into
-        tetrahedra, and quadrilaterals beside triangles into triangles, with a warning. False refuses such a file.
+        Whether wedges, pyramids, hexahedra with a repeated vertex, and elements of another kind next to them are split into
+        tetrahedra, and quadrilaterals next to triangles into triangles, with a warning. False refuses such a file.
     straighten
         Whether quadratic elements that fold over themselves get straight edges, with a warning.
 

@@ -1,4 +1,4 @@
-"""Cells of several kinds, split into simplices: wedges, pyramids, degenerate hexahedra, and what is beside them."""
+"""Cells of several kinds, split into simplices: wedges, pyramids, degenerate hexahedra, and what is next to them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def split_cells(raw: meshio.Mesh, name: str, split: bool) -> meshio.Mesh:
     Raises
     ------
     MeshError
-        if `split` is false, or if a quadrilateral face is beside two triangles, which may have the other diagonal.
+        if `split` is false, or if a quadrilateral face is next to two triangles, which may have the other diagonal.
     """
     filled = [block for block in raw.cells if len(block)]
     solid = max((block.dim for block in filled), default=0) == 3
@@ -124,7 +124,7 @@ def tetrahedra(cells: Ids, faces: Sequence[Sequence[int]]) -> tuple[Ids, Ids]:
 
 
 def refuse_unmatched(blocks: Sequence[Any], name: str) -> None:
-    """Refuse a quadrilateral face on the surface of its part beside a triangle on three of its nodes."""
+    """Refuse a quadrilateral face on the surface of its part next to a triangle on three of its nodes."""
     quads, small = [np.empty((0, 4), dtype=np.int64)], [np.empty((0, 3), dtype=np.int64)]
     for block in blocks:
         for face in FACES.get(family(block), ()):
@@ -133,9 +133,10 @@ def refuse_unmatched(blocks: Sequence[Any], name: str) -> None:
     of_quads = np.concatenate([alone[:, list(ids)] for ids in combinations(range(4), 3)])
     both, counts = np.unique(np.concatenate([np.unique(of_quads, axis=0), lone]), axis=0, return_counts=True)
     if (counts > 1).any():
+        ids = name_ids(np.unique(both[counts > 1]), "node")
         raise MeshError(
-            f"{name}: a quadrilateral face is beside two triangles, at {name_ids(np.unique(both[counts > 1]), 'node')} of the file, from "
-            "0; expected faces that match. Mesh the parts alike, or put pyramids between hexahedra and tetrahedra."
+            f"{name}: a quadrilateral face is next to two triangles, at {ids} of the file, from 0; expected faces that match. Mesh the "
+            "parts alike, or put pyramids between hexahedra and tetrahedra."
         )
 
 

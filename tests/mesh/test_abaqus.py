@@ -1,4 +1,4 @@
-"""Input files as Abaqus, CalculiX and PrePoMax write them: nothing that says where matter is, or what a place is called, is lost."""
+"""Input files as Abaqus, CalculiX and PrePoMax write them: no matter and no name of a place is lost."""
 
 import numpy as np
 import pytest
@@ -79,7 +79,8 @@ def test_instances_have_their_own_nodes_sets_and_places(tmp_path):
     mesh = read(
         tmp_path,
         PART.replace("*END PART", "*NSET, NSET=low\n1, 2\n*END PART")
-        + "*NSET, NSET=inner\n3\n*END INSTANCE\n*INSTANCE, NAME=P-2, PART=P\n5., 0., 0.\n5., 0., 0., 5., 0., 1., 90.\n*END INSTANCE\n"
+        + "*NSET, NSET=inner\n3\n*END INSTANCE\n*INSTANCE, NAME=P-2, PART=P\n5., 0., 0.\n5., 0., 0., 5., 0., 1., 90.\n"
+        "*END INSTANCE\n"
         "*NSET, NSET=foot, INSTANCE=P-1\n1,2,3,4\n*NSET, NSET=head, INSTANCE=P-2\n5,6,7,8\n"
         "*NSET, NSET=both\nP-1.1, p-2.8\nP-2.low\n*ELSET, ELSET=all\nP-1.E, P-2.1\n*SURFACE, NAME=top\nP-2.E, S2\n*END ASSEMBLY\n",
     )
@@ -129,8 +130,8 @@ def test_faces_of_tetrahedra_become_boundaries(face, opposite, tmp_path):
 
 def test_surfaces_of_nodes_unions_and_the_free_faces_of_elements(tmp_path):
     two = (
-        BOX
-        + "*NODE\n9, 0., 0., 3.\n10, 1., 0., 3.\n11, 1., 1., 3.\n12, 0., 1., 3.\n*ELEMENT, TYPE=C3D8, ELSET=F\n2, 5,6,7,8,9,10,11,12\n"
+        BOX + "*NODE\n9, 0., 0., 3.\n10, 1., 0., 3.\n11, 1., 1., 3.\n12, 0., 1., 3.\n"
+        "*ELEMENT, TYPE=C3D8, ELSET=F\n2, 5,6,7,8,9,10,11,12\n"
     )
     mesh = read(
         tmp_path,
@@ -166,7 +167,8 @@ def test_quoted_names_keep_commas_and_accents(accent, tmp_path):
 
 
 def test_elements_without_volume_are_left_out_with_a_note(tmp_path):
-    extra = "*ELEMENT, TYPE=MASS, ELSET=M\n2, 5\n*MASS, ELSET=M\n0.1\n*ELEMENT, TYPE=SPRINGA, ELSET=M\n3, 5, 1\n*ELSET, ELSET=X\n1, 2, 3\n"
+    extra = "*ELEMENT, TYPE=MASS, ELSET=M\n2, 5\n*MASS, ELSET=M\n0.1\n"
+    extra += "*ELEMENT, TYPE=SPRINGA, ELSET=M\n3, 5, 1\n*ELSET, ELSET=X\n1, 2, 3\n"
     with pytest.warns(StvkWarning, match="1 MASS and 1 SPRINGA elements are left out: they have no volume"):
         mesh = read(tmp_path, BOX + extra)
     assert mesh.nt == 1 and mesh.subdomains.keys() == {"E", "X"}
@@ -220,7 +222,8 @@ def test_what_is_not_read_is_refused_by_name(text, message, tmp_path):
 
 #: Keywords of Abaqus and CalculiX that say where matter is, or what a place is called.
 GEOMETRY = (
-    "NODE, ELEMENT, NSET, ELSET, SURFACE, PART, END PART, INSTANCE, END INSTANCE, SYSTEM, INCLUDE, NGEN, NFILL, NCOPY, NMAP, ELGEN, "
+    "NODE, ELEMENT, NSET, ELSET, SURFACE, PART, END PART, INSTANCE, END INSTANCE, SYSTEM, INCLUDE, NGEN, NFILL, NCOPY, NMAP, "
+    "ELGEN, "
     "ELCOPY, IMPORT, IMPORT NSET, IMPORT ELSET, SYMMETRIC MODEL GENERATION, SUBSTRUCTURE GENERATE"
 )
 

@@ -18,7 +18,7 @@ CORNERS = {
 
 
 def write(path, points, blocks, sides=(), nodes=(), apart=False):
-    """Write a file: `blocks` (name, type, nodes), `sides` (name, elements, sides), `nodes` (name, nodes), all from 0 but the sides."""
+    """Write a file of `blocks` (name, type, nodes), `sides` (name, elements, sides from 1) and `nodes` (name, nodes)."""
     with netCDF4.Dataset(path, "w", format="NETCDF3_64BIT_OFFSET") as file:
         for name, size in (("len_string", 33), ("num_dim", points.shape[1]), ("num_nodes", len(points))):
             file.createDimension(name, size)
@@ -63,7 +63,8 @@ def two_blocks(path, **options):
         if (mesh.p[0, np.delete(mesh.t[:, e], i)] == 2).all()
     ]
     blocks = [("steel", "TETRA4", mesh.t.T[:half]), ("", "tet4", mesh.t.T[half:])]
-    nodes = [("", np.flatnonzero(mesh.p[0] == 0)), ("", np.flatnonzero(mesh.p[0] == 2)), ("left é", np.flatnonzero(mesh.p[0] == 0))]
+    left, right = (np.flatnonzero(mesh.p[0] == x) for x in (0, 2))
+    nodes = [("", left), ("", right), ("left é", left)]
     return mesh, write(path, mesh.p.T, blocks, [("end", *np.array(ends).T)], nodes, **options)
 
 

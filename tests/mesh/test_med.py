@@ -51,7 +51,8 @@ def bar(path, **options):
     end = np.array([f for f in BOX.surface.T if (BOX.p[0, f] == 2).all()])
     halves = np.where(np.arange(BOX.nt) < 20, -1, -2)
     families = [
-        ("ELEME", -1, ["all", "steel"]), ("ELEME", -2, ["all", "gummi é"]), ("ELEME", -3, ["end".ljust(80, "\0")]), ("ELEME", -4, []),
+        ("ELEME", -1, ["all", "steel"]), ("ELEME", -2, ["all", "gummi é"]),
+        ("ELEME", -3, ["end".ljust(80, "\0")]), ("ELEME", -4, []),
         ("NOEUD", 5, ["start", b"\xe9tag\xe8re"]),
     ]  # fmt: skip
     cells = [("TE4", BOX.t.T[:, [0, 2, 1, 3]], halves), ("TR3", end, np.full(len(end), -3)), ("SE2", [[0, 1]], None)]

@@ -42,7 +42,10 @@ def read(tmp_path, text, name="deck.bdf"):
         BOX.replace("GRID    2       ", "GRID\t2\t").replace("BULK\n", "BULK\nCORD2C  3       0       0.      0.      0.\n"),
         BOX.replace("BULK\n", "BULK\nMAT1,1,2.1+11,,.3\nPSOLID,7,1\nSPC1,1,123456,1,2\n"),
     ],
-    ids=["fixed", "no head", "no end", "blank", "free", "free marks", "wide", "lower", "last line", "crlf", "after", "exponent", "unused", "more"],
+    ids=[
+        "fixed", "no head", "no end", "blank", "free", "free marks", "wide", "lower", "last line", "crlf", "after", "exponent", "unused",
+        "more",
+    ],
 )  # fmt: skip
 def test_valid_decks_are_read_as_the_same_box(text, tmp_path):
     mesh = read(tmp_path, text)

@@ -121,7 +121,7 @@ def test_a_quadrilateral_face_beside_two_triangles_is_refused(tmp_path):
     points = [*CELLS["hexahedron"][0], [0.5, 0.5, 2.0]]
     cells = [("hexahedron", [list(range(8))]), ("tetra", [[4, 5, 6, 8], [4, 6, 7, 8]])]
     with pytest.raises(
-        MeshError, match=r"a quadrilateral face is beside two triangles, at 4 nodes \(4, 5, 6, 7\).*put pyramids between"
+        MeshError, match=r"a quadrilateral face is next to two triangles, at 4 nodes \(4, 5, 6, 7\).*put pyramids between"
     ):
         read_mesh(write(tmp_path / "tied.vtk", points, cells))
     through = [("hexahedron", [list(range(8))]), ("pyramid", [[4, 5, 6, 7, 8]])]

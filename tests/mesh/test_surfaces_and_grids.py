@@ -34,7 +34,7 @@ def read(tmp_path, name, text):
         ("a.off", "OFF " + OFF),
         ("b.off", "OFF\n# comment\n" + OFF.replace("3 1 2 3", "3 1 2 3 255 0 0")),
         ("c.obj", OBJ),
-        ("d.obj", "mtllib x.mtl\nvn 0 0 1\nvt 0 0\n" + V + "s off\nusemtl m\n" + "".join(f"f {a + 1}/1/1 {b + 1}//1 {c + 1}/1\n" for a, b, c in FACES)),
+        ("d.obj", "mtllib x.mtl\nvn 0 0 1\n" + V + "".join(f"f {a + 1}/1/1 {b + 1}//1 {c + 1}/1\n" for a, b, c in FACES)),
         ("e.obj", V.replace("v 0 0 1", "v 0 0 \\\n1 1.0") + "".join(f"f {a - 4} {b - 4} {c - 4}\n" for a, b, c in FACES)),
         ("f.vtk", POLYDATA),
         ("g.stl", STL + "endsolid s"),

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from ...errors import name_ids, warn
 from ..groups import node_count
-from .sides import FACETS, NO_IDS, Block, Ids, Sides, joined, mesh_of, parts_of
+from .sides import FACETS, NO_IDS, CellsOfFile, Ids, Sides, joined, mesh_of, parts_of
 from .stream import CutOff, Damaged, Source, check_known, check_unique
 
 Points = NDArray[np.float64]
@@ -85,7 +85,7 @@ class Set(NamedTuple):
 
 
 @dataclass
-class Part:
+class PartOfDeck:
     """Sections with nodes, elements and sets of a part, or of the assembly, which has those of a file without parts."""
 
     nodes: list[tuple[Ids, Points]] = field(default_factory=list)
@@ -98,16 +98,16 @@ def read(path: Path) -> meshio.Mesh:
 
     A set of an instance has the name INSTANCE.SET, and also SET if no other set has that name.
     """
-    parts, assembly, body, frame = dict[str, Part](), Part(), Body(), Frame(NONE)
+    parts, assembly, body, frame = dict[str, PartOfDeck](), PartOfDeck(), BodyOfDeck(), Frame(NONE)
     part, name, motion = assembly, "", NONE
     for keyword, options, lines in Files(path).sections():
         if keyword == "PART":
-            part = parts[options.get("NAME", "").upper()] = Part()
+            part = parts[options.get("NAME", "").upper()] = PartOfDeck()
         elif keyword == "INSTANCE":
             name, motion, base = options.get("NAME", ""), numbers_in(lines), parts.get(options.get("PART", "").upper())
             if not name or base is None:
                 raise Damaged(f"*INSTANCE, NAME={name[:60]}, PART={options.get('PART', '')[:60]}: no such *PART is above it")
-            part = Part([*base.nodes], [*base.elements], [*base.sets])
+            part = PartOfDeck([*base.nodes], [*base.elements], [*base.sets])
         elif keyword == "SYSTEM":
             frame = Frame(numbers_in(lines))
         elif keyword in ("END PART", "END INSTANCE"):
@@ -122,7 +122,7 @@ def read(path: Path) -> meshio.Mesh:
     return body.mesh()
 
 
-def add(part: Part, keyword: str, options: dict[str, str], lines: Iterator[str], frame: Frame) -> None:
+def add(part: PartOfDeck, keyword: str, options: dict[str, str], lines: Iterator[str], frame: Frame) -> None:
     """Add the content of a section to a part; refuse a keyword with geometry that is not read."""
     if keyword in REFUSED:
         raise Damaged(
@@ -141,7 +141,7 @@ def add(part: Part, keyword: str, options: dict[str, str], lines: Iterator[str],
         part.sets.append(Set(keyword, options.get("NAME", ""), options, [split(line) for line in lines]))
 
 
-def nodes_of(part: Part, options: dict[str, str], lines: Iterator[str], frame: Frame) -> Ids:
+def nodes_of(part: PartOfDeck, options: dict[str, str], lines: Iterator[str], frame: Frame) -> Ids:
     """Add nodes to a part, and return their ids. Omitted coordinates are 0; further numbers are a normal."""
     system, tables = options.get("SYSTEM", "R").upper(), [np.empty((0, 4))]
     if system not in ("R", "C"):
@@ -166,7 +166,7 @@ def nodes_of(part: Part, options: dict[str, str], lines: Iterator[str], frame: F
     return ids
 
 
-def elements_of(part: Part, options: dict[str, str], lines: Iterator[str]) -> Ids:
+def elements_of(part: PartOfDeck, options: dict[str, str], lines: Iterator[str]) -> Ids:
     """Add elements to a part, and return their ids. Each begins on a line of its own, and may go on over the next lines."""
     type = options.get("TYPE", "none").upper()
     kind = next((kind for kind, pattern in KINDS.items() if pattern.fullmatch(type)), "")
@@ -283,19 +283,19 @@ class Scope:
         return self.indices(keyword, known, of)
 
 
-class Body:
-    """Body of all instances: its points, its blocks of elements with the index of the first, and the scopes of its sets."""
+class BodyOfDeck:
+    """BodyOfDeck of all instances: its points, its blocks of elements with the index of the first, and the scopes of its sets."""
 
     def __init__(self) -> None:
         self.points: list[Points] = []
-        self.blocks: list[Block] = []
+        self.blocks: list[CellsOfFile] = []
         self.types: dict[int, str] = {}  # of the elements of a block, by the first
         self.counts = {"NSET": 0, "ELSET": 0}
         self.instances: dict[str, Scope] = {}
         self.named: list[tuple[str, Scope]] = []
         self.left_out: Counter[str] = Counter()
 
-    def place(self, part: Part, name: str, motion: Points) -> None:
+    def place(self, part: PartOfDeck, name: str, motion: Points) -> None:
         """Add the nodes and elements of a part, and find the members of its sets."""
         ids = [np.concatenate([NO_IDS, *(row[i] for row in rows)]) for rows, i in ((part.nodes, 0), (part.elements, 1))]
         for numbers_of, what in zip(ids, WHAT.values(), strict=True):
@@ -305,7 +305,7 @@ class Body:
         for type, elements, nodes in part.elements:
             if nodes.shape[1]:
                 self.types[self.counts["ELSET"]] = type
-                self.blocks.append(Block(kind_of(type), self.counts["ELSET"], scope.indices("NSET", nodes, "its elements")))
+                self.blocks.append(CellsOfFile(kind_of(type), self.counts["ELSET"], scope.indices("NSET", nodes, "its elements")))
             else:
                 self.left_out[type] += len(elements)
             self.counts["ELSET"] += len(elements)
@@ -374,7 +374,7 @@ class Body:
             parts += [self.sides(block, rows, face.upper(), of) for block, rows in parts_of(self.blocks, elements)]
         return joined(parts)
 
-    def sides(self, block: Block, rows: Ids, face: str, of: str) -> Sides:
+    def sides(self, block: CellsOfFile, rows: Ids, face: str, of: str) -> Sides:
         """Return the sides of some elements of a block that have a label; without a label, those on the surface of the body."""
         faces, type = FACES.get(block.family, ()), self.types[block.first]
         is_shell = block.family in ("triangle", "quad") and not type.startswith(("CP", "DC2D"))
@@ -428,7 +428,7 @@ def is_helper(one: Set) -> bool:
     return "INTERNAL" in one.options or (one.keyword != "SURFACE" and bool(re.fullmatch(r"_.*_(S\d|SPOS|SNEG|E\d)", one.name)))
 
 
-def with_middle_last(block: Block, points: Points) -> Block:
+def with_middle_last(block: CellsOfFile, points: Points) -> CellsOfFile:
     """Return segments of second order (n, 3) with the middle last; some programs write it between the ends.
 
     The middle is the node that is nearest to the midpoint of the other two.
@@ -506,7 +506,7 @@ class Files:
         self.path, self.count = path, 0
 
     def sections(self) -> Iterator[tuple[str, dict[str, str], Iterator[str]]]:
-        """Yield keyword, options and lines of data of each section, also of included files. Lines that are not taken are skipped."""
+        """Yield keyword, options and lines of data of each section, also of included files; lines may be left."""
         lines = self.lines(self.path, 0)
         head = next((line for line in lines if line.startswith("*")), "")
         while head:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ...errors import warn
 from ..groups import node_count
-from .sides import Block, Ids, Sides, joined, mesh_of, parts_of
+from .sides import CellsOfFile, Ids, Sides, joined, mesh_of, parts_of
 from .stream import CutOff, Damaged, check_known
 
 #: Types of cells in meshio's terms by the beginning of Exodus' names of elements, and by their number of nodes.
@@ -56,7 +56,7 @@ def read(path: Path) -> meshio.Mesh:
         points = np.stack(
             [data[f"coord{x}"][:] for x in "xyz" if f"coord{x}" in data] if "coord" not in data else data["coord"][:], axis=-1
         )
-        blocks, places, first = list[Block](), dict[str, Sides](), 0
+        blocks, places, first = list[CellsOfFile](), dict[str, Sides](), 0
         for i, name in enumerate(names(data, "eb"), start=1):
             if f"connect{i}" not in data:
                 continue  # a block without elements
@@ -86,7 +86,10 @@ def read(path: Path) -> meshio.Mesh:
 
 
 def names(data: dict[str, Any], of: str) -> list[str]:
-    """Return the names of blocks (eb), side sets (ss) or node sets (ns); one without a name has its ID, a block 'block_' and its index."""
+    """Return the names of blocks (eb), side sets (ss) or node sets (ns).
+
+    One without a name has its ID, and a block 'block_' and its index.
+    """
     written = [
         bytes(row).partition(b"\0")[0].decode(errors="replace").strip() for row in data.get(f"{of}_names", np.empty((0, 0)))[:]
     ]
@@ -98,15 +101,15 @@ def names(data: dict[str, Any], of: str) -> list[str]:
     return [name or (f"block_{i}" if of == "eb" else id) for i, (name, id) in enumerate(zip(written, ids, strict=True), start=1)]
 
 
-def block_of(type: str, first: int, nodes: Ids) -> Block:
+def block_of(type: str, first: int, nodes: Ids) -> CellsOfFile:
     """Return elements in VTK's order of nodes."""
     found = next((kinds for beginning, kinds in KINDS.items() if type.startswith(beginning)), {})
     if (kind := found.get(nodes.shape[1], "")) == "" or nodes.shape[1] != node_count(kind):
         raise Damaged(f"its elements {type} with {nodes.shape[1]} nodes are not read. Write the mesh without them")
-    return Block(kind, first, nodes[:, ORDERS[kind]] if kind in ORDERS else nodes)
+    return CellsOfFile(kind, first, nodes[:, ORDERS[kind]] if kind in ORDERS else nodes)
 
 
-def sides_of(blocks: list[Block], elements: Ids, sides: Ids, name: str, d: int) -> Sides:
+def sides_of(blocks: list[CellsOfFile], elements: Ids, sides: Ids, name: str, d: int) -> Sides:
     """Return the facets, and the shells, of the sides with these numbers of elements."""
     parts: list[Sides] = []
     for number in np.unique(sides):

@@ -26,7 +26,7 @@ ORDERS = {
 }
 
 
-class Block(NamedTuple):
+class RowsOfType(NamedTuple):
     """Elements of one type: their type in Gmsh's terms, ids, nodes, and for each the number of its row of physical groups."""
 
     kind: int
@@ -48,7 +48,7 @@ class Sections:
         self.source = source
         self.nodes: Ids | None = None
         self.points = np.empty((0, 3))
-        self.blocks: list[Block] | None = None
+        self.blocks: list[RowsOfType] | None = None
         self.values: dict[str, tuple[Ids, Points]] = {}  # ids of elements, and a number of each, by name
         self.names: dict[tuple[int, int], str] = {}
         self.groups: dict[tuple[int, int], list[int]] = {}  # physical groups of each entity, by dimension and tag
@@ -102,7 +102,7 @@ class Sections:
             raise CutOff("$Nodes or $Elements is missing")
         return self.combined(self.nodes, self.blocks)
 
-    def combined(self, nodes: Ids, blocks: list[Block]) -> meshio.Mesh:
+    def combined(self, nodes: Ids, blocks: list[RowsOfType]) -> meshio.Mesh:
         """Return the mesh, with the blocks of each type as one, and the physical groups as sets."""
         order, rows, cells, sets = np.argsort(nodes), list(self.groups.items()), [], dict[str, list[Ids]]()
         kinds = sorted({block.kind for block in blocks})
@@ -234,11 +234,11 @@ class Sections:
             for tag in np.unique(physical[physical != 0]).tolist():
                 self.groups.setdefault((dimension, tag), [tag])
                 row[physical == tag] = list(self.groups).index((dimension, tag))
-            blocks.append(Block(kind, table[:, 0], table[:, 1 + tags :], row))
+            blocks.append(RowsOfType(kind, table[:, 0], table[:, 1 + tags :], row))
         self.set_blocks(blocks, count)
 
     def tables_22(self, count: int) -> list[tuple[int, int, Ids]]:
-        """Return type, number of tags, and rows of binary elements. Many files have a head for each element: equal heads are one."""
+        """Return type, number of tags, and rows of binary elements. Elements with equal heads of their own are read together."""
         tables: dict[tuple[int, int], list[Ids]] = {}
         found = 0
         while found < count:
@@ -273,10 +273,10 @@ class Sections:
             if self.source.binary:
                 dtype = f"u{self.size}" if self.version == "4.1" else np.int32
             table = self.source.numbers("elements", many, 1 + nodes_of(kind), dtype).astype(np.int64)
-            blocks.append(Block(kind, table[:, 0], table[:, 1:], np.full(many, rows.get(entity, -1))))
+            blocks.append(RowsOfType(kind, table[:, 0], table[:, 1:], np.full(many, rows.get(entity, -1))))
         self.set_blocks(blocks, count)
 
-    def set_blocks(self, blocks: list[Block], count: int) -> None:
+    def set_blocks(self, blocks: list[RowsOfType], count: int) -> None:
         if self.nodes is None:
             raise Damaged("its $Elements come before its $Nodes")
         known = np.sort(self.nodes)

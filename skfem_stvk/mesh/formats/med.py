@@ -8,7 +8,7 @@ from typing import Any
 import meshio
 import numpy as np
 
-from .sides import Block, Ids, mesh_of
+from .sides import CellsOfFile, Ids, mesh_of
 from .stream import CutOff, Damaged
 
 #: Types of cells in meshio's terms, and their nodes in VTK's order; solids are mirrored in MED.
@@ -50,13 +50,13 @@ def read(path: Path) -> meshio.Mesh:
         d, mesh = int(mesh.attrs["ESP"]), mesh if "NOE" in mesh else mesh[sorted(mesh)[0]]
         points = rows(mesh["NOE"]["COO"], d)
         node_sets = members(families.get("NOEUD", {}), family_of(mesh["NOE"], len(points)))
-        blocks, of_elements, first = list[Block](), [np.empty(0, dtype=np.int64)], 0
+        blocks, of_elements, first = list[CellsOfFile](), [np.empty(0, dtype=np.int64)], 0
         for type, group in mesh.get("MAI", {}).items():
             if type not in KINDS:
                 raise Damaged(f"its elements {type[:20]} are not read. Write the mesh without them")
             kind, order = KINDS[type]
             cells = rows(group["NOD"]).astype(np.int64) - 1
-            blocks.append(Block(kind, first, cells[:, order] if order else cells))
+            blocks.append(CellsOfFile(kind, first, cells[:, order] if order else cells))
             of_elements.append(family_of(group, len(cells)))
             first += len(cells)
         groups = members(families.get("ELEME", {}), np.concatenate(of_elements))

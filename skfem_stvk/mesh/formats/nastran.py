@@ -1,4 +1,4 @@
-"""Bulk data of Nastran (.bdf, .nas, .fem) in fixed, wide and free fields: nodes, coordinate systems, elements with their property."""
+"""Bulk data of Nastran (.bdf, .nas, .fem) in fixed, wide and free fields: nodes, coordinate systems, elements, properties."""
 
 from __future__ import annotations
 
@@ -144,7 +144,7 @@ class Grids:
 
 
 def cartesian(kind: str, x: Points) -> Points:
-    """Return x, y, z of cylindrical (radius, angle, z) or spherical (radius, angle from z, angle about z) coordinates, in degrees."""
+    """Return x, y, z of cylindrical (radius, angle, z) or spherical coordinates (radius, angles from and about z)."""
     if kind == "R":
         return x
     r, second, third = x[:, 0], np.deg2rad(x[:, 1]), np.deg2rad(x[:, 2])

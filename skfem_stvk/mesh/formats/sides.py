@@ -19,7 +19,7 @@ LAGRANGE = {"wedge15": "VTK_LAGRANGE_WEDGE", "pyramid13": "VTK_LAGRANGE_PYRAMID"
 NO_IDS = np.empty(0, dtype=np.int64)
 
 
-class Block(NamedTuple):
+class CellsOfFile(NamedTuple):
     """Elements of one type: their type in meshio's terms, the index of the first one in the file, and their nodes (n, m)."""
 
     kind: str
@@ -36,14 +36,14 @@ class Block(NamedTuple):
         return {FACETS[len(corners)]: self.cells[rows][:, np.array(corners) - 1]}
 
 
-def parts_of(blocks: list[Block], elements: Ids) -> Iterator[tuple[Block, Ids]]:
+def parts_of(blocks: list[CellsOfFile], elements: Ids) -> Iterator[tuple[CellsOfFile, Ids]]:
     """Yield each block that has some of the elements, which ascend, with its rows of these."""
     for block in blocks:
         if (inside := within(block, elements)).size:
             yield block, inside
 
 
-def within(block: Block, elements: Ids) -> Ids:
+def within(block: CellsOfFile, elements: Ids) -> Ids:
     """Return the rows in a block of the elements, which ascend, that are in it."""
     return elements[slice(*np.searchsorted(elements, [block.first, block.first + len(block.cells)]))] - block.first
 
@@ -55,7 +55,7 @@ def joined(parts: list[Sides]) -> Sides:
 
 
 def mesh_of(
-    points: NDArray[np.float64], blocks: list[Block], node_sets: Mapping[str, Ids], places: Mapping[str, Sides]
+    points: NDArray[np.float64], blocks: list[CellsOfFile], node_sets: Mapping[str, Ids], places: Mapping[str, Sides]
 ) -> meshio.Mesh:
     """Return a mesh with the places, by name, as sets of cells: of the elements, and of facets, which are added as cells."""
     cells = [(LAGRANGE.get(block.kind, block.kind), block.cells) for block in blocks]

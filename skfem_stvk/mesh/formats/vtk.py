@@ -120,7 +120,8 @@ class Grid:
         sizes = np.diff(self.ends, prepend=0)
         if (bad := sizes[(sizes < 1) | (sizes > {"VERTICES": 1, "LINES": 2, "POLYGONS": 4}[word])]).size:
             raise Damaged(
-                f"its {word} have a cell of {bad[0]} points, which is not read. Split it into {'triangles' if word == 'POLYGONS' else 'parts'}"
+                f"its {word} have a cell of {bad[0]} points, which is not read. Split it into "
+                f"{'triangles' if word == 'POLYGONS' else 'parts'}"
             )
         shift = before[1][-1] if len(before[1]) else 0
         self.types = np.append(before[2], np.array([0, 1, 3, 5, 9])[sizes]).astype(np.int64)

@@ -45,7 +45,7 @@ class MeshFile(AnyMesh):
     file: Annotated[InputFile, key("Path of the mesh file, relative to the scene file.")]
     scale: Annotated[float, key("Factor of the coordinates, as 0.001 for a file in mm in a scene in m.", gt=0)] = 1.0
     dimension: Dimension = None
-    split: Annotated[bool, key("Whether wedges, pyramids and cells beside them are split into simplices; false refuses them.")] = (
+    split: Annotated[bool, key("Whether wedges, pyramids and cells next to them are split into simplices; false refuses them.")] = (
         True
     )
     straighten: Annotated[bool, key("Whether quadratic elements that fold over themselves get straight edges.")] = False
