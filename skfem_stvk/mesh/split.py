@@ -135,8 +135,8 @@ def refuse_unmatched(blocks: Sequence[Any], name: str) -> None:
     if (counts > 1).any():
         ids = name_ids(np.unique(both[counts > 1]), "node")
         raise MeshError(
-            f"{name}: a quadrilateral face is next to two triangles, at {ids} of the file, from 0; expected faces that match. Mesh the "
-            "parts alike, or put pyramids between hexahedra and tetrahedra."
+            f"{name}: a quadrilateral face is next to two triangles, at {ids} of the file, from 0; expected faces that match. "
+            "Mesh the parts alike, or put pyramids between hexahedra and tetrahedra."
         )
 
 

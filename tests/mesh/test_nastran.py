@@ -43,8 +43,8 @@ def read(tmp_path, text, name="deck.bdf"):
         BOX.replace("BULK\n", "BULK\nMAT1,1,2.1+11,,.3\nPSOLID,7,1\nSPC1,1,123456,1,2\n"),
     ],
     ids=[
-        "fixed", "no head", "no end", "blank", "free", "free marks", "wide", "lower", "last line", "crlf", "after", "exponent", "unused",
-        "more",
+        "fixed", "no head", "no end", "blank", "free", "free marks", "wide", "lower", "last line", "crlf", "after", "exponent",
+        "unused", "more",
     ],
 )  # fmt: skip
 def test_valid_decks_are_read_as_the_same_box(text, tmp_path):
