@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import meshio
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from ...errors import name_ids, warn
 from ..groups import node_count
@@ -238,7 +237,9 @@ def moved(points: Points, motion: Points) -> Points:
         a, axis = motion[3:6], motion[6:9] - motion[3:6]
         if not axis.any():
             raise Damaged("*INSTANCE has a rotation about two points that are the same; expected two points of the axis")
-        points = Rotation.from_rotvec(np.deg2rad(motion[9]) * axis / np.linalg.norm(axis)).apply(points - a) + a
+        e, angle, x = axis / np.linalg.norm(axis), np.deg2rad(motion[9]), points - a
+        along = np.outer(x @ e, e)
+        points = a + along + np.cos(angle) * (x - along) + np.sin(angle) * np.cross(e, x)
     return points
 
 
