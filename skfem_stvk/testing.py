@@ -18,8 +18,7 @@ from .edges.materials import Material
 from .mesh import MeshLike
 from .mesh.element import ELEMENTS
 from .referee.law import verify_law
-from .referee.rendering import error_over_limit, failure_in_words
-from .referee.report import Report
+from .referee.report import Report, error_over_limit, failure_in_words
 from .referee.results import CheckOutcome
 from .referee.verification import claimed_terms, verify_candidate
 from .terminal import as_text, printable

@@ -9,11 +9,10 @@ import skfem
 from skfem_stvk import Anisotropic, ElementMesh, Isotropic, Orthotropic, StVK, TransverselyIsotropic
 from skfem_stvk.mesh import points
 from skfem_stvk.mesh.element import ELEMENTS
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 from skfem_stvk.referee.bodies import elasticity
-from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.discretisation import Discretisation, Shape
 from skfem_stvk.referee.reference import ReferenceStVK
-from skfem_stvk.referee.shape import Shape
 
 
 def distorted(p, rng, amount=0.15):

@@ -39,7 +39,7 @@ from skfem_stvk.arguments import Quantity
 from skfem_stvk.errors import SceneError
 from skfem_stvk.mesh import box as box_mesh
 from skfem_stvk.referee.peers import PEERS, available, load
-from skfem_stvk.referee.peers.peer import Package as Peer
+from skfem_stvk.referee.peers import Package as Peer
 from skfem_stvk.scenes.commands.main import COMMANDS, Command, main
 from skfem_stvk.scenes.scene import Scene
 from skfem_stvk.scenes.templates import json_schema, page

@@ -71,6 +71,7 @@ def with_region(term):
     return [StVK(young=2.0, poisson=0.3), term]
 
 
+LAWS = (Corotated, InvertibleStVK, LinearElastic, NeoHookean, SpringNetwork, StVK)
 #: Each case: a function that makes terms, and the array that it takes, which the test changes afterwards.
 ARRAYS = {
     "Gravity": (lambda g: with_load(Gravity(g)), np.array([1.0, 2.0, 3.0])),
@@ -111,18 +112,10 @@ ARRAYS = {
     "ElasticFoundation, where": (lambda ids: with_load(ElasticFoundation(ids, 3.0)), WALL),
     "EdgeNetwork": (lambda edges: [EdgeNetwork(edges, NETWORK.L)], NETWORK.edges),
     "SpringNetwork": (lambda k: [SpringNetwork(stiffness=k)], SPRINGS),
-    "SpringNetwork, young": (lambda E: [SpringNetwork(young=E, poisson=0.3)], STIFF),
-    "SpringNetwork, region": (lambda ids: with_region(SpringNetwork(young=5.0, poisson=0.2, region=ids)), HALF),
-    "NeoHookean": (lambda E: [NeoHookean(young=E, poisson=0.3)], STIFF),
-    "NeoHookean, region": (lambda ids: with_region(NeoHookean(young=5.0, poisson=0.2, region=ids)), HALF),
-    "Corotated": (lambda E: [Corotated(young=E, poisson=0.3)], STIFF),
-    "Corotated, region": (lambda ids: with_region(Corotated(young=5.0, poisson=0.2, region=ids)), HALF),
-    "InvertibleStVK": (lambda E: [InvertibleStVK(young=E, poisson=0.3)], STIFF),
-    "InvertibleStVK, region": (lambda ids: with_region(InvertibleStVK(young=5.0, poisson=0.2, region=ids)), HALF),
-    "LinearElastic": (lambda E: [LinearElastic(young=E, poisson=0.3)], STIFF),
-    "LinearElastic, region": (lambda ids: with_region(LinearElastic(young=5.0, poisson=0.2, region=ids)), HALF),
-    "StVK": (lambda E: [StVK(young=E, poisson=0.3)], STIFF),
-    "StVK, region": (lambda ids: with_region(StVK(young=5.0, poisson=0.2, region=ids)), HALF),
+    **{f"{law.__name__}, young": (lambda E, law=law: [law(young=E, poisson=0.3)], STIFF) for law in LAWS},
+    **{
+        f"{law.__name__}, region": (lambda ids, law=law: with_region(law(young=5.0, poisson=0.2, region=ids)), HALF) for law in LAWS
+    },
     "VolumePenalty": (lambda k: with_region(VolumePenalty(k, "compression")), STIFF),
     "VolumePenalty, region": (lambda ids: with_region(VolumePenalty(5.0, "quadratic", ids)), HALF),
     "Isotropic": (lambda E: with_material(Isotropic(E, 0.3)), STIFF),

@@ -6,29 +6,14 @@ import subprocess
 import sys
 
 import pytest
+from scenes.test_sweep import BEAM
 
 from skfem_stvk import terminal
 
-SCENE = """
-[mesh]
-type = "box"
-size = [2.0, 1.0]
-cells = [4, 2]
-[materials.rubber]
-model = "isotropic"
-young = 1e6
-poisson = 0.3
-density = 1e3
-[[terms]]
-type = "stvk"
-material = "rubber"
+SCENE = f"""{BEAM}
 [[terms]]
 type = "gravity"
 g = [0.0, -9.81]
-[fixed]
-left = "xy"
-[output]
-picture = ""
 """
 ANALYSES = {
     "static": '[analysis]\ntype = "static"\nsteps = 4\n',

@@ -98,31 +98,21 @@ def with_negative_stiffness(K, u):
 
 
 @pytest.mark.parametrize(
-    ("terms", "changes", "caught"),
+    ("changes", "caught"),
     [
-        (OTHER, {"internal_force": lambda F, u: 2 * F}, {"derivatives"}),
-        (OTHER, {"tangent": lambda K, u: K + 0.01 * abs(K)}, {"derivatives", "rigid modes"}),
-        (OTHER, {"tangent": lambda K, u: K + 0.01 * np.triu(np.ones(K.shape))}, {"symmetry"}),
-        (OTHER, {"energy": lambda W, u: W + u[0]}, {"derivatives", "invariance"}),
-        (OTHER, {"internal_force": lambda F, u: F + np.eye(len(F))[1]}, {"balance"}),
-        (OTHER, {"internal_force": pulled}, {"patch test"}),
-        (OTHER, {"internal_force": lambda F, u: F * np.nan}, {"derivatives", "invariance", "balance", "patch test"}),
-        (OTHER, {"tangent": with_negative_stiffness}, {"derivatives", "no further zero mode"}),
-    ],
-    ids=[
-        "doubled F",
-        "K",
-        "skew K",
-        "energy of position",
-        "lone force",
-        "self-balanced forces on neighbours",
-        "nan",
-        "a motion of negative stiffness",
+        ({"internal_force": lambda F, u: 2 * F}, {"derivatives"}),
+        ({"tangent": lambda K, u: K + 0.01 * abs(K)}, {"derivatives", "rigid modes"}),
+        ({"tangent": lambda K, u: K + 0.01 * np.triu(np.ones(K.shape))}, {"symmetry"}),
+        ({"energy": lambda W, u: W + u[0]}, {"derivatives", "invariance"}),
+        ({"internal_force": lambda F, u: F + np.eye(len(F))[1]}, {"balance"}),
+        ({"internal_force": pulled}, {"patch test"}),
+        ({"internal_force": lambda F, u: F * np.nan}, {"derivatives", "invariance", "balance", "patch test"}),
+        ({"tangent": with_negative_stiffness}, {"derivatives", "no further zero mode"}),
     ],
 )
-def test_faults_planted_in_another_law_are_caught(terms, changes, caught):
+def test_faults_planted_in_another_law_are_caught(changes, caught):
     with pytest.raises(Inconsistent) as failure:
-        assert_consistent(Changed(terms, **changes), MESH)
+        assert_consistent(Changed(OTHER, **changes), MESH)
     assert caught <= checks_of(failure.value.report)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from rich.console import Console
 
 from skfem_stvk import StVK, verify
-from skfem_stvk.referee.rendering import rendered
+from skfem_stvk.referee.report import rendered
 from skfem_stvk.terminal import WIDTH
 
 from .bench.meshes import bracket

@@ -12,7 +12,7 @@ report = verify(skfem.MeshTet.init_ball(2), young=1e5, poisson=0.3, quiet=True)
 
 def picture():
     """Draw the error of F against the strain."""
-    return error_against_strain(report)
+    return error_against_strain(report.precision)
 
 
 if __name__ == "__main__":

@@ -19,8 +19,7 @@ from ..kernels.simplex_topology import lexicographic_order
 from ..kernels.threads import CopyableLock, threads
 from ..mesh import ElementMesh
 from ..mesh.element import Element, linear_simplex
-from ..mesh.points import are_straight, base_vectors_at, sizes_of
-from ..mesh.rules import HOURGLASS, Rule, rule_of
+from ..mesh.points import HOURGLASS, Rule, are_straight, base_vectors_at, rule_of, sizes_of
 from .topology import KernelEdges, KernelOrder, Shares, in_lanes, kernel_edges, out_of_lanes, shares_of
 
 

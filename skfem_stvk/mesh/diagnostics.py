@@ -13,8 +13,7 @@ from ..kernels.simplex_geometry import measures
 from .facets import Cells, MeshArrays, grouped, linked
 from .geometry import aspect_ratios, edge_differences
 from .mesh import ElementMesh
-from .points import base_vectors_at, extremes, signed
-from .rules import rule_of
+from .points import base_vectors_at, extremes, rule_of, signed
 
 #: Limits of edges, as powers of ten: squares of volumes are then in the range of double precision.
 LARGEST_EXPONENT = 50

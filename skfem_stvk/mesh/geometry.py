@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from .facets import MeshArrays
 from .mesh import ElementMesh
-from .points import base_vectors_at, extremes
-from .rules import rule_of
+from .points import base_vectors_at, extremes, rule_of
 
 
 class Geometry:

@@ -1,20 +1,26 @@
-"""Elements and facets at points of the reference element: positions, base vectors, and the sizes that these span.
+"""Integration points of elements and facets: rules on the reference elements, base vectors, and the sizes that these span.
 
 At a reference point `xi` an element has the base vectors `P_i = sum_a dN_a/dxi_i X_a`, the columns of the Jacobian matrix. For a
 linear simplex they are `X_i - X_0` everywhere.
+
+No weight of a rule is negative: with one, a barrier or any law that is not a polynomial could gain energy instead of resisting.
+scikit-fem's rules of order 3 and 4 for tetrahedra have such a weight. Therefore the rules are those of order 2, 5 (14 points, exact
+to degree 4) and 6 (15 points, exact to degree 5).
 """
 
 from __future__ import annotations
 
+from functools import cache
 from math import factorial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from skfem.quadrature import get_quadrature
 
 from ..arguments import Array
+from ..errors import StvkError
 from ..kernels.simplex_geometry import measures
 from .element import Element
-from .rules import rule_of
 
 #: Number of elements at a time: their base vectors at all points stay in the cache. This takes a tenth of the time.
 CHUNK = 2048
@@ -22,6 +28,56 @@ CHUNK = 2048
 #: it is compared with three times, and the corners of a rotated box as often. Elements with larger errors count as curved, which
 #: costs time but no accuracy. Elements within the tolerance move by no more than the rounding of coordinates.
 ROUNDED = 8 * float(np.finfo(float).eps)
+KINDS = ("usual", "exact", "mass", "one-point")
+#: Default coefficient of the hourglass stiffness of boxes with one point.
+HOURGLASS = 0.05
+
+
+class Rule(NamedTuple):
+    """Points of a reference element, and their weights.
+
+    Attributes
+    ----------
+    points
+        (nq, k) reference coordinates.
+    weights
+        (nq,) weights, all positive; their sum is the size of the reference element.
+    """
+
+    points: Array
+    weights: Array
+
+
+@cache
+def rule_of(element: Element, kind: str = "usual") -> Rule:
+    """Return the rule of a kind for an element.
+
+        usual        1 point of linear simplices; 2, 3, 4 of quadratic segments, triangles, tetrahedra; 2^k of boxes
+        exact        integrates W, a quartic in the gradient, exactly on elements with straight edges: 1; 3, 6, 14; 3^k points
+        mass         integrates N_a N_b exactly on such elements; of curved ones the volume and the centre of mass
+        one-point    the centre
+
+    Source: `skfem.quadrature`.
+
+    Raises
+    ------
+    StvkError
+        if the kind is unknown.
+
+    Examples
+    --------
+    >>> from skfem_stvk.mesh.element import ELEMENTS
+    >>> [len(rule_of(ELEMENTS["quadratic tetrahedra"], kind).weights) for kind in ("usual", "exact")]
+    [4, 14]
+    """
+    if kind not in KINDS:
+        raise StvkError(f"kind = {kind!r}; expected one of {', '.join(KINDS)}.")
+    if element.k == 0:
+        return Rule(np.zeros((1, 0)), np.ones(1))
+    if kind == "one-point" or (element.is_linear_simplex and kind != "mass"):
+        return Rule(element.cell.corners.mean(axis=0)[None], get_quadrature(element.cell.reference, 1)[1].sum(keepdims=True))
+    points, weights = get_quadrature(element.cell.reference, element.orders[KINDS.index(kind)])
+    return Rule(np.ascontiguousarray(points.T), np.asarray(weights))
 
 
 def base_vectors_at(x: Array, t: Any, element: Element, xi: Array) -> Array:

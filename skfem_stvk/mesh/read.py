@@ -87,8 +87,7 @@ def read_mesh(
     >>> sorted(read_mesh(str(files("skfem_stvk.mesh") / "data" / "bracket.msh")).subdomains)
     ['bracket', 'bushing']
     """
-    from .content import content_of  # meshio is imported only for reading files
-    from .files import load
+    from .content import content_of, load  # meshio is imported only for reading files
 
     file = checked_path("path", path, "the path of a mesh file", MeshError)
     degree, names = None if degree is None else checked_degree(degree), (keep,) if isinstance(keep, str) else keep

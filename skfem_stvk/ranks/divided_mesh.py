@@ -22,8 +22,7 @@ from ..mesh.locations import Box
 from ..mesh.read import is_partition
 from ..space import Space
 from .divided_space import DividedSpace, Ranks
-from .job import on_each, on_first, refuse_unguarded, world
-from .mpi import MPI
+from .job import MPI, on_each, on_first, refuse_unguarded, world
 from .partition import Ids, PartContent, divide
 from .partition_files import lines_and_facets, read_part
 

@@ -13,7 +13,7 @@ from .. import errors
 from ..arguments import Array
 from ..mesh.facets import linked
 from ..space import Communicator, Item, Number, Space
-from .mpi import MPI
+from .job import MPI
 
 Ids = NDArray[np.int64]
 

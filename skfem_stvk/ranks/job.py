@@ -1,4 +1,4 @@
-"""Ranks as one job: where they come from, work of the first rank, and the end of all ranks if one fails."""
+"""Ranks of MPI as one job: where they come from, work of the first rank, and the end of all ranks if one fails."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ from typing import TypeVar, cast
 
 from ..about import launched
 from ..errors import StvkError
-from .mpi import MPI
+
+try:
+    from mpi4py import MPI
+except (ImportError, RuntimeError) as error:  # RuntimeError if there is no MPI library
+    raise ImportError(
+        f"Bodies on ranks need mpi4py and a library of MPI: {str(error).splitlines()[0]}. Install both: "
+        'pip install "skfem-stvk[mpi-wheel]". On a cluster load its module of MPI, and: pip install "skfem-stvk[mpi]".'
+    ) from error
 
 Result = TypeVar("Result")
 

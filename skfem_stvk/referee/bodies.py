@@ -17,9 +17,8 @@ from ..edges.materials import Anisotropic, FramedMaterial, Isotropic, Material, 
 from ..errors import MaterialError
 from ..mesh import ElementMesh
 from ..terms import StVK
-from .discretisation import Discretisation
+from .discretisation import Discretisation, Shape
 from .reference import ReferenceOnePoint, ReferenceStVK, anisotropic_tensor, element_axes, engineering_matrix, isotropic_tensor
-from .shape import Shape
 
 
 def is_condensed(mesh: ElementMesh, term: StVK) -> bool:

@@ -18,11 +18,10 @@ from ..mesh import ElementMesh
 from ..system import System
 from ..terms import StVK
 from .bodies import Homogeneous
-from .discretisation import Discretisation
+from .discretisation import Discretisation, Shape
 from .implementations import Implementation
 from .judgement import Limits, largest_component, largest_rows
 from .results import NotApplicable
-from .shape import Shape
 
 EPS = float(np.finfo(float).eps)
 OURS, EDGES, REFERENCE, CANDIDATE = "skfem-stvk", "edges and TSEPs", "scikit-fem", "candidate"

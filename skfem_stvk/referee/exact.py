@@ -31,11 +31,10 @@ from scipy.sparse import bsr_matrix, csr_matrix
 
 from ..arguments import Array
 from .bodies import reference_on
-from .discretisation import Discretisation, Exact, derivatives
+from .discretisation import Discretisation, Exact, Shape, derivatives
 from .reference import KINDS, curved_elements
 from .reference.kinds import middles
 from .reference.one_point import hourglass_shapes
-from .shape import Shape
 
 DIGITS = 50
 CONTEXT = Context(prec=DIGITS)

@@ -116,23 +116,20 @@ def verify_integrator(
     ]
     claims = claimed, conserves, limit
     return judge(
-        "verify integrator", {"lines": lines}, _tasks(step, density, *claims), quiet, partial(_explain, step, density, claims)
+        "verify integrator", {"lines": lines}, list(_tasks(step, density, *claims)), quiet, partial(_explain, step, density, claims)
     )
 
 
-def _tasks(step: Step, density: float, order: int | None, conserves: Sequence[str], stable: float | None) -> list[Task]:
-    """Return the tasks of both bodies."""
-    bodies = {name: _Body(step, young, density) for name, young in YOUNG.items()}
-    return [task for name, body in bodies.items() for task in _tasks_of(name, body, order, conserves, stable)]
-
-
-def _tasks_of(name: str, body: _Body, order: int | None, conserves: Sequence[str], stable: float | None) -> Iterator[Task]:
-    task = partial(Task, implementation=body.implementation, needs="", state=name)
-    yield task("memory", quantity="u, v", measure=partial(_memory, body))
-    yield task("order", quantity="u, v", measure=partial(_order, body, order))
-    for quantity in QUANTITIES:
-        yield task("drift", quantity=quantity, measure=partial(_drift, body, quantity, quantity in conserves))
-    yield task("stability limit", quantity="omega dt", measure=partial(_stability, body, stable))
+def _tasks(step: Step, density: float, order: int | None, conserves: Sequence[str], stable: float | None) -> Iterator[Task]:
+    """Yield the tasks of both bodies."""
+    for name, young in YOUNG.items():
+        body = _Body(step, young, density)
+        task = partial(Task, implementation=body.implementation, needs="", state=name)
+        yield task("memory", quantity="u, v", measure=partial(_memory, body))
+        yield task("order", quantity="u, v", measure=partial(_order, body, order))
+        for quantity in QUANTITIES:
+            yield task("drift", quantity=quantity, measure=partial(_drift, body, quantity, quantity in conserves))
+        yield task("stability limit", quantity="omega dt", measure=partial(_stability, body, stable))
 
 
 class _Body:

@@ -16,7 +16,7 @@ from scipy.sparse import csr_matrix, spmatrix
 
 from ..arguments import Array
 from ..mesh import ElementMesh
-from .shape import Shape
+from .discretisation import Shape
 
 Measurement = dict[str, Any]
 

@@ -191,12 +191,10 @@ def _has_few_digits(evidence: Evidence) -> bool:
     off = [quantity for quantity in evidence.quantities if evidence.of(quantity).error(evidence.truth) > VANISHES]
     values = [flat(found[quantity]) for quantity in off for found in evidence.found.values()]
     with np.errstate(over="ignore"):
-        return all((value.astype(np.float32) == value).all() or _are_decimal(value) for value in values)
-
-
-def _are_decimal(values: Array) -> bool:
-    """Return whether all values have nine decimal digits at most."""
-    return all(float(f"{value:.8e}") == value for value in values.tolist())
+        return all(
+            (array.astype(np.float32) == array).all() or all(float(f"{value:.8e}") == value for value in array.tolist())
+            for array in values
+        )
 
 
 def _is_rounding(evidence: Evidence) -> bool:

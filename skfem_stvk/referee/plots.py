@@ -1,38 +1,34 @@
-"""Pictures of a report, and the HTML page that shows them. This module imports matplotlib, so it is imported only when needed."""
+"""Pictures of a report. This module imports matplotlib, so it is imported only when needed."""
 
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from importlib.resources import files
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from jinja2 import Environment
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from .case import OURS, REFERENCE
 from .checks.precision import TEXTBOOK
-from .judgement import location_in_words, plain
-from .rendering import WORST_FIRST, size_in_words, worst_failure, worst_outcome
-from .results import CheckOutcome, Findings, Result
 
 COLOURS = {OURS: "#0072B2", REFERENCE: "#D55E00", TEXTBOOK: "#009E73"}
+Row = dict[str, Any]
 MARKERS = {"W": "s", "F": "o", "K": "^"}
 
 
-def error_against_strain(report: Findings) -> Figure:
+def error_against_strain(precision: Sequence[Row]) -> Figure:
     """Return the plot of the error of F against strain, without and with a large rotation, at the origin and far from it."""
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     panels: list[Axes] = list(figure.subplots(1, 2, sharey=True))
-    styles = dict(zip(sorted({row["offset_m"] for row in report.precision}), ("-", "--", ":"), strict=False))
+    styles = dict(zip(sorted({row["offset_m"] for row in precision}), ("-", "--", ":"), strict=False))
     for axes, degrees in zip(panels, (0, 170), strict=True):
         for form, colour in COLOURS.items():
             for offset, style in styles.items():
-                rows = [r for r in report.precision if (r["form"], r["rotation_deg"], r["offset_m"]) == (form, degrees, offset)]
+                rows = [r for r in precision if (r["form"], r["rotation_deg"], r["offset_m"]) == (form, degrees, offset)]
                 label = f"{form}, at {offset:g} m"
                 axes.loglog([r["strain"] for r in rows], [max(r["error"], 1e-17) for r in rows], style, color=colour, label=label)
-        strains = sorted({row["strain"] for row in report.precision})
+        strains = sorted({row["strain"] for row in precision})
         axes.loglog(strains, [1e-17 / strain for strain in strains], lw=0.8, color="#888888", label="strain$^{-1}$")
         axes.set(xlabel="strain", ylim=(1e-18, 100))
         axes.set_title("no rotation" if not degrees else f"rotated by {degrees} degrees", fontsize=9)
@@ -40,17 +36,17 @@ def error_against_strain(report: Findings) -> Figure:
         axes.invert_xaxis()
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("error of F, relative to 50 digits")
-    if report.precision:
+    if precision:
         figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9, frameon=False)
     return figure
 
 
-def speed_against_error(report: Findings) -> Figure:
+def speed_against_error(speed: Sequence[Row], errors: Mapping[str, Mapping[str, float]]) -> Figure:
     """Return the plot of the time of W, F and K against their errors. Points at the lower left are better."""
     figure = Figure(figsize=(6, 3.6), layout="constrained")
     axes = figure.subplots()
-    for row in report.speed:
-        error = report.errors.get(row["player"], {}).get(row["quantity"])
+    for row in speed:
+        error = errors.get(row["player"], {}).get(row["quantity"])
         if error is None:
             continue
         style = {"marker": MARKERS[row["quantity"]], "color": COLOURS[row["player"]], "ms": 8, "linestyle": ""}
@@ -69,36 +65,3 @@ def as_svg(figure: Figure) -> str:
     figure.savefig(buffer, format="svg", metadata={"Date": None})
     text = buffer.getvalue()
     return text[text.index("<svg") :]
-
-
-def page(report: Findings) -> str:
-    """Return the report as the text of a self-contained HTML file, including the pictures."""
-    environment = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters |= {"in_words": location_in_words, "plain": plain, "tally": _tally}
-    environment.filters |= {"worst_first": _worst_first, "worst_failure": worst_failure, "size": size_in_words}
-    template = environment.from_string(files(__package__).joinpath("page.html").read_text(encoding="utf-8"))
-    measured = "lines" not in report.header
-    pictures = [as_svg(error_against_strain(report)), as_svg(speed_against_error(report))] if measured else []
-    groups: dict[str, list[Any]] = {"failed": [], "passed": [], "others": []}
-    for group in report.groups().items():
-        worst = worst_outcome(group[1])
-        name = {CheckOutcome.PASSED: "passed", CheckOutcome.NOT_APPLICABLE: "others"}.get(worst, "failed")
-        groups[name].append(group)
-    return template.render(report=report, header=report.header, pictures=pictures, groups=groups)
-
-
-def _tally(results: Sequence[Result]) -> str:
-    """Return how many of the results passed, of those that apply.
-
-    >>> made = [Result("a", "b", "F", "rest", outcome) for outcome in (CheckOutcome.PASSED, CheckOutcome.NOT_APPLICABLE)]
-    >>> _tally(made), _tally(made[1:])
-    ('1 of 1 passed', 'not applicable')
-    """
-    run = [result for result in results if result.outcome is not CheckOutcome.NOT_APPLICABLE]
-    passed = sum(result.outcome is CheckOutcome.PASSED for result in run)
-    return f"{passed} of {len(run)} passed" if run else CheckOutcome.NOT_APPLICABLE.value
-
-
-def _worst_first(results: Sequence[Result]) -> list[Result]:
-    """Return the results in the order of their outcomes, failures first."""
-    return sorted(results, key=lambda result: WORST_FIRST.index(result.outcome))

@@ -16,11 +16,11 @@ from .bodies import elasticity, homogeneous_copy
 from .case import CANDIDATE, REFERENCE, Case
 from .checks.agreement import agreement
 from .checks.rigid_motions import balance
+from .discretisation import Shape
 from .exact import Truth
 from .implementations import Implementation
 from .report import Report, header
 from .results import Task
-from .shape import Shape
 from .vectors import LAYOUT, NAME, PUBLISHED, RESULTS, Vectors, published_vectors, read_vectors, sizes_of
 from .verification import name_what_failed
 

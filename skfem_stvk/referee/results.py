@@ -1,15 +1,13 @@
-"""Results of checks, tasks that produce one result each, and the findings of a verification."""
+"""Results of checks, tasks that produce one result each, and explanations of faults."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from enum import Enum
 from typing import Any
 
-from .. import arguments
 from .implementations import METHODS, ContractViolation, Implementation
 
 
@@ -192,64 +190,3 @@ class Naming:
         names = [vars(explanation) for explanation in self.explanations]
         before = self.before if math.isfinite(self.before) else str(self.before)
         return {"explanations": names, "tried": self.tried, "error before": before, "smallest": self.smallest}
-
-
-@dataclass
-class Findings:
-    """Findings of a verification so far. `Report` describes the attributes."""
-
-    header: dict[str, Any]
-    results: list[Result] = field(default_factory=list)
-    precision: list[dict[str, Any]] = field(default_factory=list)
-    speed: list[dict[str, Any]] = field(default_factory=list)
-    errors: dict[str, dict[str, float]] = field(default_factory=dict)
-    named: Naming | None = None
-    interrupted: bool = False
-    seconds: float = 0.0
-
-    @property
-    def passed(self) -> bool:
-        """Whether all checks ran, at least one passed, and none failed. Checks that do not apply are ignored."""
-        counts = self.counts
-        stopped = counts[CheckOutcome.COULD_NOT_RUN] or self.interrupted
-        return counts[CheckOutcome.PASSED] > 0 and not (counts[CheckOutcome.FAILED] or stopped)
-
-    @property
-    def counts(self) -> Counter[CheckOutcome]:
-        """Number of checks by outcome."""
-        return Counter(result.outcome for result in self.results)
-
-    def failures(self, subject: str | None = None) -> list[Result]:
-        """Return the failed results, of one subject or of all.
-
-        Raises
-        ------
-        StvkError
-            if this subject has no results.
-        """
-        if subject is not None:
-            subject = arguments.choice("subject", subject, {result.subject for result in self.results})
-        return [r for r in self.results if r.outcome is CheckOutcome.FAILED and subject in (None, r.subject)]
-
-    def groups(self) -> dict[tuple[str, str, str, str], list[Result]]:
-        """Return the results by check, subject, reference and quantity, which are the lines of a table."""
-        groups: dict[tuple[str, str, str, str], list[Result]] = {}
-        checks = list(dict.fromkeys(result.check for result in self.results))
-        for result in sorted(self.results, key=lambda result: checks.index(result.check)):
-            groups.setdefault((result.check, result.subject, result.against, result.quantity), []).append(result)
-        return groups
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return all attributes in JSON types."""
-        return {
-            "passed": self.passed,
-            "counts": {outcome.value: self.counts[outcome] for outcome in CheckOutcome},
-            "interrupted": self.interrupted,
-            "seconds": self.seconds,
-            "header": self.header,
-            "results": [result.to_dict() for result in self.results],
-            "precision": self.precision,
-            "speed": self.speed,
-            "errors": self.errors,
-            "named": None if self.named is None else self.named.to_dict(),
-        }

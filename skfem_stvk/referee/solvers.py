@@ -18,7 +18,7 @@ from ..errors import StvkError
 from ..mesh import ElementMesh
 from ..terms import StVK
 from .case import rotation
-from .discretisation import Discretisation
+from .discretisation import Discretisation, Shape
 from .element_model import model_of, second_piola, small_strain
 from .implementations import ContractViolation, Implementation, guarded
 from .judgement import relative
@@ -27,7 +27,6 @@ from .moduli import engineering_constants
 from .reference import lame_tensor
 from .report import Report, judge
 from .results import Explanation, Naming, Task
-from .shape import Shape
 
 #: Cells along each side of the three meshes of the order check, by dimension. SMALL is the mesh of all other checks.
 LADDER = {2: (8, 12, 18), 3: (4, 6, 9)}

@@ -34,11 +34,10 @@ from ..terminal import CountedProgress
 from ..terms import StVK
 from .bodies import is_condensed, section_of
 from .case import named_states
-from .discretisation import Discretisation, Exact, derivatives
+from .discretisation import Discretisation, Exact, Shape, derivatives
 from .exact import CONTEXT, ExactStVK, of_blocks
 from .implementations import METHODS
 from .report import folder_for, write
-from .shape import Shape
 from .verification import claimed_terms
 
 

@@ -15,7 +15,7 @@ from ..arguments import flag, shown, whole
 from ..edges.materials import Material
 from ..errors import MaterialError, StvkError, StvkWarning
 from ..mesh import ElementMesh, MeshLike
-from ..mesh.rules import HOURGLASS
+from ..mesh.points import HOURGLASS
 from ..system import System
 from ..terms import EdgeNetwork, StVK
 from .bodies import elasticity, homogeneous_copy, hourglass_control, reference_on
@@ -24,13 +24,12 @@ from .checks.agreement import OfFewUnknowns, agreement, checks_of_reduced, deriv
 from .checks.homogeneous import homogeneous_states
 from .checks.precision import error_table, precision, speed_table
 from .checks.rigid_motions import balance, invariance, zero_modes
-from .discretisation import Discretisation
+from .discretisation import Discretisation, Shape
 from .exact import Truth
 from .implementations import METHODS, Implementation, make_candidate
 from .naming import name_the_fault
 from .report import Report, carry_out, header
 from .results import CheckOutcome, Naming, NotApplicable, Result, Task
-from .shape import Shape
 
 #: The checks, in the order of the report. Each takes a case and yields its tasks.
 CHECKS: tuple[Callable[[Case], Iterator[Task]], ...] = (

@@ -12,7 +12,7 @@ from ..arguments import Array, text
 from ..errors import ContactError, name_known
 from ..mesh.displacements import by_vertex
 from ..system import System
-from ..terms.loads.bound_contact import BoundContact
+from ..terms.loads.contact import BoundContact
 from ..terms.loads.load import Time
 from ..terms.loads.rigid_shapes import RigidShape
 from ..units import UnitSystem

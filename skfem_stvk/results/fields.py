@@ -14,7 +14,7 @@ from scipy.sparse import csr_matrix
 from ..arguments import Array, shown
 from ..errors import StvkError
 from ..mesh.displacements import by_vertex
-from ..mesh.rules import rule_of
+from ..mesh.points import rule_of
 from ..space import Space
 from ..units import UNITS, UnitSystem
 from .contact_forces import ContactState, combined

@@ -13,7 +13,7 @@ from ..arguments import Array
 from ..edges.materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ..edges.stiffness import VOIGT, multiplicity, unit_stresses, voigt_indices
 from ..errors import MaterialError
-from ..terms.laws.response_at_points import embedded
+from ..terms.laws.elastic_law import embedded
 
 FIRST, SECOND = np.array(VOIGT[3]).T
 

@@ -17,7 +17,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.geometry import Geometry, PointGeometry, geometries
 from ..mesh.points import sizes_of
 from ..terms import Body, Deformation, Term, VolumePenalty, is_load
-from ..terms.laws.response_at_points import green_strain_of
+from ..terms.laws.elastic_law import green_strain_of
 from ..terms.term import specified
 from .law_on_elements import dilation, rest_frames, strain_and_stress, volume_stress
 

@@ -19,9 +19,8 @@ from ..space import ONE_PROCESS, Space
 from ..system.signature import Fingerprint, Signature
 from .complete_files import OneWriter, cannot_write, in_all_parts, of_leader, output_path, replacing
 from .fields import State, checked_state
-from .pieces import remove_state
 from .table import find_all
-from .vtu import DEFAULT, write_vtu
+from .vtu import DEFAULT, remove_state, write_vtu
 
 #: The attribute of a .pvd's collection that holds the signature of the problem whose states it lists.
 PROBLEM = "skfem_stvk_problem"
@@ -190,13 +189,16 @@ class Series(OneWriter):
         """Return the signature of the problem of an existing series; None if there is no series."""
         if not self.path.exists():
             return None
+        from pydantic import TypeAdapter  # imported only if a file exists
+
         try:
-            return read_problem(self.path)
+            collection = ET.parse(self.path).find("Collection")
+            written = None if collection is None else collection.get(PROBLEM)
+            return TypeAdapter(Signature).validate_json(written or "")
         except (ET.ParseError, ValueError, OSError) as error:
             raise StvkError(
-                f"{self.path} exists, but does not name its problem: another program or release wrote it, or "
-                "result.save(...). Choose another path, or replace it with "
-                "overwrite=True."
+                f"{self.path} exists, but does not name its problem: another program or release wrote it, or result.save(...). "
+                "Choose another path, or replace it with overwrite=True."
             ) from error
 
     def _write(self, steps: list[tuple[float, Path]], target: Path | None = None) -> None:
@@ -254,14 +256,3 @@ def read_list(path: Path) -> list[tuple[float, str]]:
     if strange := [f"{t} of {file}" for t, file in listed if not np.isfinite(t)]:
         raise ValueError(f"{len(strange)} times are not finite, the first of them {strange[0][:80]}")
     return listed
-
-
-def read_problem(path: Path) -> Signature:
-    """Return the signature of the problem of a .pvd; raise ParseError or ValueError if it has none."""
-    from pydantic import TypeAdapter  # imported only if a file exists
-
-    collection = ET.parse(path).find("Collection")
-    written = None if collection is None else collection.get(PROBLEM)
-    if written is None:
-        raise ValueError("it has no signature")
-    return TypeAdapter(Signature).validate_json(written)

@@ -1,9 +1,12 @@
-"""Results and meshes as VTU, the file format of ParaView, through meshio."""
+"""Results and meshes as VTU, the file format of ParaView, through meshio; of a divided body, a file of each part and their list."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping, Sequence
+from glob import escape as literal
 from math import prod
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,16 +22,19 @@ from ..mesh import ElementMesh
 from ..mesh.groups import DIMENSION, NODE_SET, as_cells, flatten
 from ..mesh.locations import checked_facets, checked_lines, vertices_at
 from ..space import Space
-from .complete_files import in_all_parts, output_path
+from .complete_files import in_all_parts, of_leader, output_path, replacing
 from .fields import State, checked_state
 from .law_on_elements import in_space
-from .pieces import ELEMENTS, NODES, joined, pieces_of, write_grid, write_pieces
 from .table import NODAL, Field, find_all
 
 if TYPE_CHECKING:
     import meshio
 
 Arrays = dict[str, NDArray[Any]]
+#: Names of the numbers of nodes and of elements in the whole mesh.
+NODES, ELEMENTS = "GlobalNodeIds", "GlobalElementIds"
+#: Names of types in VTK's files.
+KINDS = {"f": "Float", "i": "Int", "u": "UInt"}
 #: VTK's order of the components of a symmetric tensor: XX, YY, ZZ, XY, YZ, XZ.
 VTK = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 #: Names of the rank of each element, and ends of the names of masks.
@@ -286,3 +292,88 @@ def _ends_marked(mesh: ElementMesh, nodes: NDArray[Any]) -> NDArray[np.uint8]:
     end, element = np.divmod(first[np.isin(ids, nodes)], mesh.nt)
     np.bitwise_or.at(marked, element, (1 << end).astype(np.uint8))
     return marked
+
+
+def write_grid(path: Path, mesh: meshio.Mesh, units: Mapping[str, str]) -> None:
+    """Write a .vtu file, as `replacing` does, with the units of arrays by name: VTK's key UNITS_LABEL, which other readers skip."""
+    from meshio import vtu  # imported only for writing
+
+    with replacing(path) as part:
+        vtu.write(part, mesh, compression=None)
+        written, done = part.read_bytes(), 0
+        with part.open("wb") as file:
+            for array in re.finditer(rb' Name="([^"]*)"[^>]*>[^<]*', written):
+                if unit := units.get(array[1].decode()):
+                    file.write(written[done : (done := array.end())])
+                    file.write(f'<InformationKey name="UNITS_LABEL" location="vtkDataArray">{unit}</InformationKey>\n'.encode())
+            file.write(written[done:])
+
+
+def write_pieces(path: Path, mesh: meshio.Mesh, space: Space, units: Mapping[str, str]) -> None:
+    """Write the file of each part next to a .pvtu, and then the .pvtu. All parts call this function together."""
+    names = [f"{path.stem}_r{rank:04d}.vtu" for rank in range(space.comm.size)]
+    with in_all_parts(space.comm):
+        write_grid(path.with_name(names[space.comm.rank]), mesh, units)
+    of_leader(space.comm, lambda: _write_list(path, names, mesh))
+
+
+def _write_list(path: Path, names: Sequence[str], mesh: meshio.Mesh) -> None:
+    """Write the .pvtu of files with the arrays of `mesh`."""
+    root = ET.Element("VTKFile", type="PUnstructuredGrid", version="0.1", byte_order="LittleEndian")
+    grid = ET.SubElement(root, "PUnstructuredGrid", GhostLevel="0")
+    _declare(ET.SubElement(grid, "PPoints"), {"Points": mesh.points})
+    _declare(ET.SubElement(grid, "PPointData"), mesh.point_data)
+    _declare(ET.SubElement(grid, "PCellData"), {name: blocks[0] for name, blocks in mesh.cell_data.items()})
+    for name in names:
+        ET.SubElement(grid, "Piece", Source=name)
+    ET.indent(root)
+    with replacing(path) as part:
+        ET.ElementTree(root).write(part, encoding="utf-8", xml_declaration=True)
+
+
+def _declare(parent: ET.Element, arrays: dict[str, NDArray[Any]]) -> None:
+    for name, values in arrays.items():
+        kind = f"{KINDS[values.dtype.kind]}{8 * values.dtype.itemsize}"
+        width = {"NumberOfComponents": str(values.shape[1])} if values.ndim > 1 else {}
+        ET.SubElement(parent, "PDataArray", {"type": kind, "Name": name, **width})
+
+
+def pieces_of(path: Path) -> list[Path]:
+    """Return the files that a .pvtu lists, which are next to it."""
+    return [path.with_name(Path(piece.attrib["Source"]).name) for piece in ET.parse(path).iter("Piece")]
+
+
+def remove_state(file: Path) -> None:
+    """Remove a .vtu file, or a .pvtu file and the files of the parts, if they exist."""
+    file.unlink(missing_ok=True)
+    if file.suffix == ".pvtu":
+        for piece in file.parent.glob(f"{literal(file.stem)}_r[0-9]*.vtu"):
+            piece.unlink(missing_ok=True)
+
+
+def joined(pieces: Sequence[meshio.Mesh]) -> meshio.Mesh:
+    """Return the whole mesh from its parts, without the numbers of nodes and elements, which give the order.
+
+    Raises ValueError if nodes are missing.
+    """
+    from meshio import Mesh
+
+    numbers = [piece.point_data[NODES] for piece in pieces]
+    ids, first = np.unique(np.concatenate(numbers), return_index=True)
+    if not np.array_equal(ids, np.arange(len(ids))):
+        raise ValueError(f"the files of its parts have {len(ids)} of {int(ids.max()) + 1} nodes")
+
+    def at_nodes(arrays: Sequence[NDArray[Any]]) -> NDArray[Any]:
+        return np.concatenate(arrays)[first]
+
+    points = {name: at_nodes([piece.point_data[name] for piece in pieces]) for name in pieces[0].point_data if name != NODES}
+    cells: dict[str, list[NDArray[Any]]] = {name: [] for name in pieces[0].cell_data if name != ELEMENTS}
+    elements = []
+    for kind in dict.fromkeys(block.type for piece in pieces for block in piece.cells):
+        blocks = [(rank, i) for rank, piece in enumerate(pieces) for i, block in enumerate(piece.cells) if block.type == kind]
+        of_kind = {name: np.concatenate([pieces[rank].cell_data[name][i] for rank, i in blocks]) for name in [ELEMENTS, *cells]}
+        order = np.argsort(of_kind.pop(ELEMENTS), kind="stable")
+        elements.append((kind, np.concatenate([numbers[rank][pieces[rank].cells[i].data] for rank, i in blocks])[order]))
+        for name, values in of_kind.items():
+            cells[name].append(values[order])
+    return Mesh(at_nodes([piece.points for piece in pieces]), elements, points, cells)

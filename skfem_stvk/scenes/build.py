@@ -38,7 +38,7 @@ from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, 
 from .schema.derived import SURFACES, Derived
 from .schema.places import BoxPlace, where_of
 from .schema.quantities import input_files
-from .schema.sections import Expectation, Prescribed
+from .schema.sections import Expectation
 from .schema.terms import given_by, in_elements, in_time
 from .source import SceneSource
 
@@ -179,8 +179,9 @@ def check(sections: SceneTables, source: SceneSource) -> None:
             ("threads",),
             f"{sections.threads}; expected at most {most}, the number of threads of this process, which NUMBA_NUM_THREADS sets",
         )
-    for complain in (_check_files, _check_materials, _check_analysis, _check_friction, _check_reduced, _check_outputs):
-        complain(sections, source, complaints)
+    _check_files(sections, source, complaints)
+    for complain in (_check_materials, _check_analysis, _check_friction, _check_reduced, _check_outputs):
+        complain(sections, complaints)
     complaints.refuse()
 
 
@@ -190,21 +191,14 @@ def _check_files(sections: SceneTables, source: SceneSource, complaints: Complai
             path = checked_path("path", source.folder / name, "the path of a file")
             if not path.is_file():
                 fault = "is a folder" if path.is_dir() else "is not a regular file" if path.exists() else "does not exist"
-                folder_names = path.parent.is_dir()
-                similar = get_close_matches(
-                    path.name, {one.name for one in path.parent.iterdir()} - {path.name} if folder_names else [], n=1
-                )
-                hint = (
-                    f" Did you mean {similar[0]!r}?"
-                    if similar
-                    else ""
-                    if folder_names
-                    else f" There is no folder {path.parent} either."
-                )
+                hint = "" if path.parent.is_dir() else f" There is no folder {path.parent} either."
+                others = [one.name for one in path.parent.iterdir() if one != path] if path.parent.is_dir() else []
+                if similar := get_close_matches(path.name, others, n=1):
+                    hint = f" Did you mean {similar[0]!r}?"
                 complaints.add(loc, f"the file {path} {fault}; paths are relative to the scene file.{hint}")
 
 
-def _check_materials(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+def _check_materials(sections: SceneTables, complaints: Complaints) -> None:
     used = set()
     dense = isinstance(sections.analysis, DynamicAnalysis | ModesAnalysis)
     dense |= any(getattr(term.library, "needs_density", False) for term in sections.terms)
@@ -226,7 +220,7 @@ def _check_materials(sections: SceneTables, source: SceneSource, complaints: Com
             complaints.add(("materials", name), f"the density is missing, which {what}. Add density = ...")
 
 
-def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+def _check_analysis(sections: SceneTables, complaints: Complaints) -> None:
     analysis, solver = sections.analysis, sections.solver
     if isinstance(analysis, DynamicAnalysis):
         if not analysis.until > sections.initial.t0:
@@ -250,7 +244,7 @@ def _check_analysis(sections: SceneTables, source: SceneSource, complaints: Comp
         complaints.add(("initial", name), f"is for motion, not for type = {analysis.type!r}; remove it")
 
 
-def _check_friction(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+def _check_friction(sections: SceneTables, complaints: Complaints) -> None:
     """Complain about friction without the width that the analysis needs."""
     widths = {"dynamic": "slip_speed", "static": "slip_length", "arc-length": "slip_length"}
     name = widths.get(sections.analysis.type)
@@ -260,7 +254,7 @@ def _check_friction(sections: SceneTables, source: SceneSource, complaints: Comp
             complaints.add(("terms", number, "friction"), f"type = {sections.analysis.type!r} needs {name}; add {name} = ...")
 
 
-def _check_reduced(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+def _check_reduced(sections: SceneTables, complaints: Complaints) -> None:
     """Complain about keys that need all displacements, which a reduced analysis does not have."""
     analysis, solver = sections.analysis, sections.solver
     if sections.reduced is None:
@@ -287,7 +281,7 @@ def _check_reduced(sections: SceneTables, source: SceneSource, complaints: Compl
         complaints.add(("analysis", "remove"), "a reduced body cannot lose elements; remove this key")
 
 
-def _check_outputs(sections: SceneTables, source: SceneSource, complaints: Complaints) -> None:
+def _check_outputs(sections: SceneTables, complaints: Complaints) -> None:
     output, dynamic = sections.output, isinstance(sections.analysis, DynamicAnalysis)
     followed = [*output.probes, *output.reactions]
     for name in sorted(output.probes.keys() & output.reactions.keys()):
@@ -380,7 +374,8 @@ def build(sections: SceneTables, source: SceneSource, comm: Any = None) -> Built
             fixed.append(constraint)
     for name, motion in sections.prescribed.items():
         with complaints.at("prescribed", name):
-            prescription = names.place(name), _displacements(motion)
+            given = {axis: getattr(motion, axis) for axis in "xyz"}
+            prescription = names.place(name), {axis: in_time(x, motion.time) for axis, x in given.items() if x is not None}
             Supports(mesh, fixed, [*prescribed, prescription])
             prescribed.append(prescription)
     complaints.refuse()
@@ -465,12 +460,6 @@ def _components(given: list[float], d: int) -> Array:
     if len(given) != d:
         raise StvkError(f"has {len(given)} components; expected {d}.")
     return np.array(given)
-
-
-def _displacements(given: Prescribed) -> dict[str, Any]:
-    """Return prescribed displacements as `System` takes them."""
-    components = {name: getattr(given, name) for name in "xyz" if getattr(given, name) is not None}
-    return {name: in_time(value, given.time) for name, value in components.items()}
 
 
 def _fits(complaints: Complaints, names: Names, number: int, term: Any) -> bool:

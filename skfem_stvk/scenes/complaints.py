@@ -106,7 +106,8 @@ def _location_and_message(error: Any, schema: type[BaseModel]) -> tuple[Loc, str
     if kind == "missing":
         return location.loc, f"is missing{_description(location)}"
     if kind == "extra_forbidden":
-        return location.loc, _unknown(location)
+        keys = sorted(location.model.model_fields) if location.model is not None else []
+        return location.loc, _unknown("unknown key", str(location.loc[-1]), keys, "Known here")
     if kind == "literal_error":
         known = error["ctx"].get("names", literals(location.annotation))
         return location.loc, _unknown_value(given, list(map(str, known)))
@@ -136,29 +137,26 @@ def _kind_is_wrong(location: SchemaLocation, error: Any) -> tuple[Loc, str]:
     name = str(context.get("discriminator", "'type'")).strip("'")
     name = name if name.isidentifier() else "type"
     known = [tag for tag in _kinds(location) if tag != "file"]
+    listed = ", ".join(known)
     of_file = ", or file = the path of a mesh file" if "file" in _kinds(location) else ""  # which has no type
     if not isinstance(given, Mapping):
-        return location.loc, f"got {shown(given)}; expected a table with {name} = one of {_listed(known)}"
+        return location.loc, f"got {shown(given)}; expected a table with {name} = one of {listed}"
     if name not in given:
         near = get_close_matches(name, map(str, given), n=1)
         if near:
-            return (*location.loc, near[0]), f"unknown key; did you mean {name!r}? It selects the kind: one of {_listed(known)}"
-        return location.loc, f"the key {name!r} is missing, which selects the kind: one of {_listed(known)}{of_file}"
+            return (*location.loc, near[0]), f"unknown key; did you mean {name!r}? It selects the kind: one of {listed}"
+        return location.loc, f"the key {name!r} is missing, which selects the kind: one of {listed}{of_file}"
     return (*location.loc, name), _unknown_value(given[name], known)
 
 
-def _unknown(location: SchemaLocation) -> str:
-    known = sorted(location.model.model_fields) if location.model is not None else []
-    name = str(location.loc[-1])
+def _unknown(what: str, name: str, known: Sequence[str], known_words: str = "Known") -> str:
+    """Return the message on an unknown name, with the nearest one and all that are known."""
     near = nearest(name, known)
-    meant = f"; did you mean {near!r}?" if near else "."
-    return f"unknown key{meant} Known here: {', '.join(known)}."
+    return f"{what}{f'; did you mean {near!r}?' if near else '.'} {known_words}: {', '.join(known)}."
 
 
 def _unknown_value(given: Any, known: Sequence[str]) -> str:
-    near = nearest(str(given).replace("_", "-"), known)
-    meant = f"; did you mean {near!r}?" if near else "."
-    return f"{shown(given)} is not known here{meant} Known: {_listed(known)}."
+    return _unknown(f"{shown(given)} is not known here", str(given).replace("_", "-"), known)
 
 
 #: Advice of messages to programs, and the same advice to scenes.
@@ -175,10 +173,6 @@ IN_TOML = {
     "Add Gravity(...), or give u0 or v0.": 'Add a term such as type = "gravity", or [initial] velocity = [...] or file = "...".',
     "Take fewer unknowns, or allow more: most_memory=.": "Take fewer unknowns.",
 }
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names)
 
 
 def _description(location: SchemaLocation) -> str:

@@ -19,16 +19,15 @@ from ..mesh.locations import vertices_at
 from ..results.reactions import ReactionPlace, ground_forces_at_rest
 from ..solvers.dynamics import Modes, Run, SimulationError, modes, simulate
 from ..solvers.dynamics.loop import REPORTED
-from ..solvers.newton.outcome import Interrupted, finishing_steps
+from ..solvers.newton.outcome import Interrupted, Status, finishing_steps
 from ..solvers.statics import SolveError, StaticResult, solve_static
 from ..system.divided import parts_line
 from .build import ENERGIES, Built, expectations
 from .complaints import Complaints
 from .folder import Folder
-from .scene_outcome import ComparedResult, Curve, SceneOutcome
+from .scene_outcome import ComparedResult, Curve, SceneOutcome, largest_displacement, largest_stress, summary
 from .schema import SceneTables
 from .schema.analyses import ArcLengthAnalysis, DynamicAnalysis, ModesAnalysis, StaticAnalysis, stop_of
-from .summary import largest_displacement, largest_stress, summary
 
 #: Default tolerance of the residual of a static state, as a fraction of loads and reactions.
 RTOL = 1e-8
@@ -66,7 +65,8 @@ def solve(built: Built, folder: Folder | None = None, *, quiet: bool = False) ->
         f"{name}.{axis}": float(value) for name, components in last.items() for axis, value in zip("xyz", components, strict=False)
     }
     status, message = ("finished", repr(result)) if isinstance(result, Modes) else (result.status.value, result.message)
-    success = isinstance(result, Modes) or _success(sections, result)
+    unstable = isinstance(sections.analysis, ArcLengthAnalysis) and status == Status.UNSTABLE.value
+    success = isinstance(result, Modes) or result.success or unstable  # a path may end in unstable states
     judged = _judged(sections, values) if success else ()
     return SceneOutcome(
         built=built,
@@ -174,12 +174,6 @@ def _stop(built: Built, analysis: StaticAnalysis | ArcLengthAnalysis) -> Any:
         return None
     level = analysis.stop.displacement
     return stop_of(analysis.stop, None if level is None else built.names.place(level.at))
-
-
-def _success(sections: SceneTables, result: StaticResult | Run) -> bool:
-    """Return whether the analysis reached its end; arc length may have unstable states."""
-    unstable = isinstance(sections.analysis, ArcLengthAnalysis) and result.status.name == "UNSTABLE"
-    return result.success or unstable
 
 
 def _curves(built: Built, result: StaticResult | Run) -> dict[str, Curve]:

@@ -23,7 +23,7 @@ from .build import Built, build, check, partition_of
 from .complaints import Complaints
 from .folder import RESOLVED, Folder, PreviousRun, hash_of
 from .run_scene import RTOL, solve
-from .scene_outcome import SceneOutcome
+from .scene_outcome import MOST_DRAWN, SceneOutcome, gathered_outcome
 from .scene_report import write_report
 from .schema import SceneTables, scene_tables
 from .schema.analyses import options
@@ -219,8 +219,6 @@ class Scene:
         """Return the outcome on the whole body for pictures, on the first rank; None on others, or if the body is too large."""
         if self._comm is None:
             return outcome
-        from .gathered import MOST_DRAWN, gathered_outcome
-
         if outcome.built.mesh.element_count > MOST_DRAWN or partition_of(self.sections, self.source) is not None:
             return None
         return gathered_outcome(outcome, self._first(lambda: build(self.sections, self.source)))
@@ -275,7 +273,7 @@ class Scene:
     @cached_property
     def hash(self) -> str:
         """Hash of the scene with the contents of its files; it does not depend on title, comments and the order of keys."""
-        from ..mesh.files import parts_of  # meshio is imported only for mesh files
+        from ..mesh.content import parts_of  # meshio is imported only for mesh files
 
         files: list[Path] = []
         for loc, name in input_files(self.sections):

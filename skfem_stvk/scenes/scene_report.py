@@ -275,7 +275,8 @@ def _curve(outcome: SceneOutcome, name: str) -> Any:
     curve: Curve = outcome.curves[name]
     figure, axes = _axes(_along(outcome))
     t, components = curve.t, curve.values
-    if isinstance(outcome.result, StaticResult) and curve.dimension == "length" and _from_rest(outcome):
+    from_rest = outcome.built.u0 is None and outcome.built.sections.initial.t0 == 0
+    if isinstance(outcome.result, StaticResult) and curve.dimension == "length" and from_rest:
         t, components = np.append(0.0, t), np.concatenate([np.zeros((1, components.shape[1])), components])
     for (axis, colour), values in zip(AXES.items(), components.T, strict=False):
         axes.plot(*thinned(t, values), marker="." if len(t) <= 40 else "", color=colour, lw=1.2, label=axis)
@@ -283,11 +284,6 @@ def _curve(outcome: SceneOutcome, name: str) -> Any:
     axes.set_ylabel(f"{words} {name} [{_symbol(outcome, curve.dimension)}]")
     axes.legend(fontsize=9, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     return figure
-
-
-def _from_rest(outcome: SceneOutcome) -> bool:
-    """Return whether a path begins with the body at rest, without loads."""
-    return outcome.built.u0 is None and outcome.built.sections.initial.t0 == 0
 
 
 def _ledger(outcome: SceneOutcome) -> Any:

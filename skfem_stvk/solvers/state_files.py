@@ -19,9 +19,8 @@ from ..mesh.groups import from_cells
 from ..mesh.locations import SAME_POINT
 from ..results.complete_files import ForeignFile
 from ..results.law_on_elements import in_space
-from ..results.pieces import pieces_of
 from ..results.series import listed_states
-from ..results.vtu import read_vtu
+from ..results.vtu import pieces_of, read_vtu
 from ..system.signature import SAME, mesh_numbers
 from .dynamics.motion_checkpoint import MOTION_FILE, MotionCheckpoint
 from .runs.archive import check_lengths, pattern, refusing_damage, validated

@@ -23,10 +23,9 @@ from ..terms import (
     Term,
     is_load,
 )
-from ..terms.bound_load import bound_load
 from ..terms.connectivity import Connected
-from ..terms.loads.bound_contact import BoundContact
-from ..terms.loads.load import Moment, Time
+from ..terms.loads.contact import BoundContact
+from ..terms.loads.load import Moment, Time, bound_load
 from ..terms.term import specified
 
 #: Elements below this fraction of their volume are flat: the remaining volume is round-off.

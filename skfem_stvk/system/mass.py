@@ -18,8 +18,7 @@ from ..edges.elements import nbytes
 from ..errors import MaterialError
 from ..mesh.displacements import finite_vector
 from ..mesh.element import Element
-from ..mesh.points import sizes_at_points
-from ..mesh.rules import rule_of
+from ..mesh.points import rule_of, sizes_at_points
 from ..terms import Body
 from ..terms.loads.spread import Spread
 from .pattern import FreeDofs, HasPattern, Pattern

@@ -82,7 +82,7 @@ class System(BoundTerms):
         edges, and 1 makes quadratic ones linear.
     quadrature
         Integration rule. "exact" integrates W exactly on elements with straight edges. By default quadratic segments, triangles and
-        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.mesh.rules.rule_of`). "one-point" is
+        tetrahedra have 2, 3 and 4 points, quadrilaterals and hexahedra 4 and 8 (`skfem_stvk.mesh.points.rule_of`). "one-point" is
         for quadrilaterals and hexahedra: it uses mean gradients, and a control of the hourglass modes, which have zero mean
         gradients.
     hourglass

@@ -4,7 +4,6 @@ from typing import Any
 
 from ..edges.bound_term import BoundElements, BoundTerm
 from .body import Body
-from .bound_load import BoundLoad, Load, is_load
 from .laws.corotated import Corotated
 from .laws.edge_network import EdgeNetwork
 from .laws.invertible import InvertibleStVK
@@ -13,10 +12,10 @@ from .laws.neo_hookean import NeoHookean
 from .laws.spring_network import SpringNetwork
 from .laws.stvk import StVK
 from .laws.volume_penalty import VolumePenalty
-from .loads.bound_contact import BoundContact
+from .loads.contact import BoundContact, Friction
 from .loads.dead_loads import BodyForce, Gravity, NodalLoad, Traction
 from .loads.foundation import ElasticFoundation
-from .loads.friction import Friction
+from .loads.load import BoundLoad, Load, is_load
 from .loads.mesh_contact import MeshContact
 from .loads.pressure import Pressure
 from .loads.rigid_contact import RigidContact

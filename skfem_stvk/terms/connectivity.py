@@ -14,7 +14,7 @@ from ..mesh import ElementMesh, MeshLike
 from ..mesh.element import ELEMENTS, Element, named
 from ..mesh.locations import checked_facets, checked_lines
 from ..space import ONE_PROCESS, Communicator
-from .bound_load import is_load
+from .loads.load import is_load
 
 
 class Connected(NamedTuple):

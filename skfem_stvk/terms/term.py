@@ -131,30 +131,66 @@ class Term(TermOrLoad, ABC):
 
     @abstractmethod
     def bind(self, body: Any, dtype: DTypeLike) -> BoundTerm:
-        """Return the term on this body, with results of this type."""
+        """Return the term on a body.
+
+        Parameters
+        ----------
+        body
+            Body, or its mesh alone, which has thickness or area 1 and no materials.
+        dtype
+            Type of results and of stored numbers, float64 or float32.
+        """
 
     def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
-        """Return the hypothesis of a law: the components of strain or stress that vanish across the elements of this mesh."""
+        """Return the hypothesis of a law: the components of strain or stress that vanish across the elements of this mesh.
+
+        Raises
+        ------
+        MaterialError
+            if its `plane`, `thickness` or `area` does not apply to them; if it has its own simplices, which a `System` connects.
+        """
         raise StvkError(f"{type(self).__name__} is no law of a material; expected one such as StVK.")
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return strain, stress and energy of a law at a point of all elements of its `region`, in their order."""
+        """Return strain, stress and energy of a law at a point of all elements of its `region`, in their order.
+
+        Parameters
+        ----------
+        at
+            Deformation of the elements at a point of each.
+
+        Raises
+        ------
+        MaterialError
+            if the law has forces and no stress (`has_stress`).
+        StateError
+            for inverted or flat elements, where the energy is infinite.
+        """
         raise StvkError(f"{type(self).__name__} has no response of its own; its stress follows from its material.")
 
     def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
-        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,)."""
+        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,).
+
+        Raises
+        ------
+        MaterialError
+            if a material has no density.
+        """
         return np.zeros(len(sizes))
 
     def section(self, mesh: ElementMesh, n: int) -> Any:
-        """Return the factor from the size of an element to its volume, a number or (n,); None without elements."""
+        """Return the factor from the size of each of n elements to its volume: thickness, area or 1; None without elements."""
         return None
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
-        """Return `lam + 2 mu` [Pa], a number or (n,); 0 without elements."""
+        """Return `lam + 2 mu` [Pa] of n elements, a number or (n,); 0 without a material."""
         return np.zeros(n)
 
     def elements_held_in_shape(self, mesh: ElementMesh) -> NDArray[np.int64]:
-        """Return the ids (n,) of elements that are rigid as long as the term has no energy: by default those of a law."""
+        """Return the ids (n,) of elements that are rigid as long as the term has no energy.
+
+        These are the elements of a law; those with springs along all edges.
+        """
         return mesh.elements(self.region) if self.is_law else np.empty(0, dtype=np.int64)
 
 

@@ -6,8 +6,7 @@ from bodies import CURVED, STRAIGHT, box, sheet, state
 from kernels.parts import in_parts
 
 from skfem_stvk import ElementMesh, StVK, System
-from skfem_stvk.mesh.points import base_vectors_at, measures_of
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import base_vectors_at, measures_of, rule_of
 
 TERM = StVK(young=2.0, poisson=0.3)
 EVERY = {f"{name}, curved": mesh for name, mesh in CURVED.items()} | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items()}

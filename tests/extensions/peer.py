@@ -1,6 +1,6 @@
 """A toy peer: the referee's reference with the interface of a peer; it requires NumPy."""
 
-from skfem_stvk.referee.peers.peer import require
+from skfem_stvk.referee.peers import require
 from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
 
 

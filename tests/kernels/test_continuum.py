@@ -8,7 +8,7 @@ from skfem_stvk import Anisotropic, ElementMesh, StVK, System
 from skfem_stvk.edges import Tensions
 from skfem_stvk.edges.elements import Quadrature
 from skfem_stvk.kernels.lanes import LANES
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 from skfem_stvk.referee.reference import anisotropic_tensor, isotropic_tensor
 from skfem_stvk.terms.body import Body
 

@@ -27,8 +27,8 @@ from skfem_stvk.mesh import ElementMesh, box, mesh_quality
 from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.mesh.facets import facets_of, find_facets
 from skfem_stvk.mesh.groups import as_cells
-from skfem_stvk.mesh.rules import KINDS as RULES
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import KINDS as RULES
+from skfem_stvk.mesh.points import rule_of
 from skfem_stvk.referee.reference import KINDS, ReferenceStVK, isotropic_tensor
 from skfem_stvk.results.vtu import write_mesh
 from skfem_stvk.scenes.scene import Scene

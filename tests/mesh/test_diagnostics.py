@@ -15,7 +15,7 @@ from skfem_stvk import ElementMesh, MeshError, StVK, StvkWarning, System, read_m
 from skfem_stvk.mesh import box
 from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, folded_elements, parts, straightened
 from skfem_stvk.mesh.element import ELEMENTS
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 
 CUBE = skfem.MeshTet().refined(2)
 SQUARE = skfem.MeshTri().refined(2)

@@ -12,7 +12,7 @@ from skfem_stvk.errors import StvkError
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.mesh.groups import as_cells
-from skfem_stvk.mesh.rules import KINDS, rule_of
+from skfem_stvk.mesh.points import KINDS, rule_of
 
 SKFEM = {
     "segments": skfem.ElementLineP1(),

@@ -16,8 +16,7 @@ from skfem_stvk.mesh.facets import (
     find_facets,
     with_midpoints,
 )
-from skfem_stvk.mesh.points import base_vectors_at, measures_of, normals_of, sizes_of
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import base_vectors_at, measures_of, normals_of, rule_of, sizes_of
 
 KINDS = [skfem.MeshTet2, skfem.MeshTri2, skfem.MeshHex, skfem.MeshQuad]
 

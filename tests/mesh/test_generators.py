@@ -7,7 +7,7 @@ import skfem
 from skfem_stvk import ElementMesh, Isotropic, MeshError, StVK, System
 from skfem_stvk.mesh import bar, box, cylinder
 from skfem_stvk.mesh.diagnostics import check_mesh
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 
 SIZE, ORIGIN = (2.0, 0.5, 0.25), (1.0, -1.0, 0.5)
 BOXES = {

@@ -202,7 +202,7 @@ def test_cells_that_mark_boundaries_cause_no_warning(tmp_path):
     [
         (
             [("hexahedron", HEXAHEDRON), ("tetra", [[4, 5, 7, 8], [5, 6, 7, 8]])],
-            r"a quadrilateral face is beside two triangles, at 4 nodes \(4, 5, 6, 7\) of the file",
+            r"a quadrilateral face is next to two triangles, at 4 nodes \(4, 5, 6, 7\) of the file",
         ),
     ],
 )

@@ -153,6 +153,7 @@ def summary(folder):
     return json.loads((folder / "summary.json").read_text())
 
 
+@pytest.mark.slow
 def test_the_bracket_on_two_ranks_is_that_on_one_machine(on_ranks, tmp_path):
     """The whole command: the folder of results with its report, the expectation of the scene, and what the header says."""
     values = ("solver.name=block-jacobi-cg", "solver.rtol=1e-9", "analysis.steps=1", "output.file=bracket.vtu")

@@ -1,8 +1,10 @@
-"""Shortcuts of referee tests: forces in 50 digits are computed once per body and state, and timings take the least time."""
+"""Fixtures of referee tests: forces in 50 digits are computed once per body and state, and timings take the least time."""
 
 import pickle
 
+import meshio
 import pytest
+from bodies import box
 
 from skfem_stvk.referee.checks import precision
 from skfem_stvk.referee.exact import ExactStVK
@@ -11,8 +13,8 @@ from skfem_stvk.referee.exact import ExactStVK
 KNOWN = {}
 
 
-@pytest.fixture(autouse=True)
-def frugal(monkeypatch):
+@pytest.fixture(scope="module", autouse=True)
+def frugal():
     made, computed = ExactStVK.__init__, ExactStVK.energy_and_force
 
     def make(self, p, t, tensor, how=None, control=None):
@@ -26,6 +28,17 @@ def frugal(monkeypatch):
         energy, force = KNOWN[key]
         return energy, force.copy()
 
-    monkeypatch.setattr(ExactStVK, "__init__", make)
-    monkeypatch.setattr(ExactStVK, "energy_and_force", energy_and_force)
-    monkeypatch.setattr(precision, "SECONDS", 0.0)
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(ExactStVK, "__init__", make)
+        monkeypatch.setattr(ExactStVK, "energy_and_force", energy_and_force)
+        monkeypatch.setattr(precision, "SECONDS", 0.0)
+        yield
+
+
+@pytest.fixture
+def part(tmp_path, monkeypatch):
+    """Write a mesh into a temporary working folder, where MuJoCo writes its log, and return the folder."""
+    monkeypatch.chdir(tmp_path)
+    mesh = box(1)
+    meshio.Mesh(mesh.p.T, [("tetra", mesh.t.T)]).write("part.vtu")
+    return tmp_path

@@ -1,6 +1,7 @@
 """The referee judges candidates of all kinds: partial, dense, operators, broken, of another law."""
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ from bodies import MESHES, box
 from scipy.sparse import csr_array, csr_matrix
 from scipy.sparse.linalg import LinearOperator
 
-from skfem_stvk import StVK, StvkError, System, verify
+from skfem_stvk import NeoHookean, StVK, StvkError, System, verify
+from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.judgement import worst_locations
 from skfem_stvk.referee.results import CheckOutcome
@@ -16,14 +18,6 @@ from skfem_stvk.referee.results import CheckOutcome
 MESH = box(3)
 TERM = StVK(young=2.0, poisson=0.3)
 BODY = System(MESH, TERM)
-
-
-class Candidate:
-    """Candidate with some of W, F, K."""
-
-    def __init__(self, **methods):
-        for name, method in methods.items():
-            setattr(self, name, method)
 
 
 class Array:
@@ -41,7 +35,7 @@ def outcomes(report, check, quantity):
 
 
 def test_a_candidate_with_only_F_gets_the_checks_of_F():
-    report = verify(MESH, TERM, candidate=Candidate(internal_force=BODY.internal_force), quiet=True)
+    report = verify(MESH, TERM, candidate=SimpleNamespace(internal_force=BODY.internal_force), quiet=True)
     assert report.passed
     assert outcomes(report, "agreement", "F") == {CheckOutcome.PASSED}
     assert outcomes(report, "agreement", "K") == outcomes(report, "derivatives", "F") == {CheckOutcome.NOT_APPLICABLE}
@@ -63,8 +57,8 @@ def test_a_candidate_with_only_F_gets_the_checks_of_F():
     ids=["dense", "matrix", "lists", "__array__", "coo", "array", "operator"],
 )
 def test_K_may_be_dense_sparse_or_an_operator(convert):
-    good = Candidate(tangent=lambda u: convert(BODY.tangent(u)))
-    bad = Candidate(tangent=lambda u: convert(FAULTS["one wrong sign"].make(MESH, [TERM]).tangent(u)))
+    good = SimpleNamespace(tangent=lambda u: convert(BODY.tangent(u)))
+    bad = SimpleNamespace(tangent=lambda u: convert(FAULTS["one wrong sign"].make(MESH, [TERM]).tangent(u)))
     assert verify(MESH, TERM, candidate=good, quiet=True).passed
     failures = verify(MESH, TERM, candidate=bad, quiet=True).failures("candidate")
     assert {r.worst["suspects"][0] for r in failures if r.check == "agreement"} == {MESH.nt // 2}
@@ -82,13 +76,9 @@ def test_K_may_be_dense_sparse_or_an_operator(convert):
         ({"internal_force": lambda u: 1 / 0}, CheckOutcome.COULD_NOT_RUN, r"raised ZeroDivisionError"),
         ({"energy": lambda u: [1.0, 2.0]}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned shape \(2,\)"),
         ({"tangent": lambda u: np.eye(3)}, CheckOutcome.COULD_NOT_RUN, r"tangent\(u\) returned ndarray of shape \(3, 3\)"),
-        ({"tangent": lambda u: [[1.0], [1.0, 2.0]]}, CheckOutcome.COULD_NOT_RUN, r"returned list of shape \(\); expected a dense"),
         ({"tangent": lambda u: Array(["K"])}, CheckOutcome.COULD_NOT_RUN, r"returned Array of shape \(1,\); expected a dense"),
-        ({"tangent": lambda u: "K"}, CheckOutcome.COULD_NOT_RUN, r"returned str of shape None"),
         ({"energy": lambda u: "abc"}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned a str of <U3; expected real numbers"),
-        ({"energy": lambda u: {}}, CheckOutcome.COULD_NOT_RUN, r"energy\(u\) returned a dict; expected real numbers"),
         ({"energy": lambda u: 1 + 1j}, CheckOutcome.COULD_NOT_RUN, r"returned a complex of complex128"),
-        ({"internal_force": lambda u: BODY.internal_force(u) + 7j}, CheckOutcome.COULD_NOT_RUN, "returned a ndarray of complex128"),
         ({"internal_force": lambda u: [[1.0], [1.0, 2.0]]}, CheckOutcome.COULD_NOT_RUN, "returned a list; expected real numbers"),
         ({"internal_force": lambda u: csr_matrix(BODY.internal_force(u))}, CheckOutcome.COULD_NOT_RUN, "returned a csr_matrix"),
         ({"tangent": lambda u: BODY.tangent(u) * (1 + 1j)}, CheckOutcome.COULD_NOT_RUN, "returned a matrix of complex128"),
@@ -98,21 +88,11 @@ def test_K_may_be_dense_sparse_or_an_operator(convert):
     ],
 )
 def test_a_broken_candidate_is_never_a_pass_nor_an_exception(methods, outcome, words):
-    report = verify(MESH, TERM, candidate=Candidate(**methods), quiet=True)
+    report = verify(MESH, TERM, candidate=SimpleNamespace(**methods), quiet=True)
     assert not report.passed
     agreement = [r for r in report.results if r.check == "agreement" and r.subject == "candidate" and r.outcome is outcome]
     assert agreement and all(re.search(words, r.reason) for r in agreement)
     assert all(r.outcome is CheckOutcome.PASSED for r in report.results if r.subject == "skfem-stvk")
-
-
-def test_a_candidate_that_changes_u_does_not_harm_the_others():
-    class StateChanging:
-        def internal_force(self, u):
-            force = BODY.internal_force(u)
-            u[:] = np.nan
-            return force
-
-    assert verify(MESH, TERM, candidate=StateChanging(), quiet=True).passed
 
 
 def test_a_candidate_without_any_method_is_an_error():
@@ -129,47 +109,11 @@ def test_a_class_that_needs_more_than_the_mesh_is_an_error_that_says_what_to_pas
         verify(MESH, TERM, candidate=Loop)
 
 
-class NeoHookean:
-    """Another hyperelastic law: `W = mu/2 (|F|^2 - 3 - 2 log J) + lam/2 (log J)^2` on P1 tetrahedra."""
-
-    def __init__(self, mesh, lam, mu, error_in_K=0.0):
-        from skfem_stvk.mesh.geometry import Geometry
-
-        self.t, self.nv, self.lam, self.mu, self.error = mesh.t, mesh.nv, lam, mu, error_in_K
-        geometry = Geometry(mesh.p, mesh.t)
-        self.g, self.V = geometry.gradients, geometry.volume
-
-    def _F(self, u):
-        return np.eye(3) + np.einsum("eai,eaj->eij", u.reshape(-1, 3)[self.t.T], self.g)
-
-    def energy(self, u):
-        F = self._F(u)
-        log = np.log(np.linalg.det(F))
-        return float(self.V @ (self.mu / 2 * ((F**2).sum(axis=(1, 2)) - 3 - 2 * log) + self.lam / 2 * log**2))
-
-    def internal_force(self, u):
-        F = self._F(u)
-        inverse = np.swapaxes(np.linalg.inv(F), 1, 2)
-        P = self.mu * (F - inverse) + self.lam * np.log(np.linalg.det(F))[:, None, None] * inverse
-        force = np.zeros((self.nv, 3))
-        np.add.at(force, self.t.T, np.einsum("e,eij,eaj->eai", self.V, P, self.g))
-        return force.ravel()
-
-    def tangent(self, u):
-        F = self._F(u)
-        H = np.swapaxes(np.linalg.inv(F), 1, 2)
-        log = np.log(np.linalg.det(F))
-        A = self.mu * np.einsum("ik,jl->ijkl", np.eye(3), np.eye(3)) + (self.lam + self.error) * np.einsum("eij,ekl->eijkl", H, H)
-        A = A + np.einsum("e,eil,ekj->eijkl", self.mu - self.lam * log, H, H)
-        blocks = np.einsum("e,eijkl,eaj,ebl->eaibk", self.V, A, self.g, self.g)
-        dofs = (3 * self.t.T[:, :, None] + np.arange(3)).reshape(len(self.V), -1)
-        K = np.zeros((3 * self.nv,) * 2)
-        np.add.at(K, (dofs[:, :, None], dofs[:, None, :]), blocks.reshape(len(self.V), 12, 12))
-        return K
+LAW = NeoHookean(young=2.6, poisson=0.3)
 
 
 def test_another_law_gets_a_taylor_test_and_no_comparison():
-    report = verify(MESH, TERM, candidate=NeoHookean(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True)
+    report = verify(MESH, TERM, candidate=System(MESH, LAW), candidate_is_stvk=False, quiet=True)
     assert report.passed, str(report)
     assert outcomes(report, "agreement", "F") == outcomes(report, "closed forms", "P") == {CheckOutcome.NOT_APPLICABLE}
     taylor = [
@@ -183,24 +127,27 @@ def test_another_law_gets_a_taylor_test_and_no_comparison():
 def test_another_law_that_is_not_objective_beyond_an_angle_is_caught(degrees):
     """The energy is larger by a millionth if the mean deformation gradient, mostly a rotation, has a small trace."""
 
-    class Turning(NeoHookean):
-        def energy(self, u):
-            mean = np.einsum("e,eij->ij", self.V, self._F(u)) / self.V.sum()
-            R = np.linalg.svd(mean)[0] @ np.linalg.svd(mean)[2]
-            return super().energy(u) * (1 + 1e-6 * (np.trace(R) < 1 + 2 * np.cos(np.deg2rad(degrees))))
+    geometry = Geometry(MESH.p, MESH.t)
 
-    report = verify(MESH, TERM, candidate=Turning(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True)
+    class Turning(System):
+        def energy(self, u):
+            gradient = np.einsum("e,eai,eaj->ij", geometry.volume, u.reshape(-1, 3)[MESH.t.T], geometry.gradients)
+            left, _, right = np.linalg.svd(np.eye(3) + gradient / geometry.volume.sum())
+            return super().energy(u) * (1 + 1e-6 * (np.trace(left @ right) < 1 + 2 * np.cos(np.deg2rad(degrees))))
+
+    report = verify(MESH, TERM, candidate=Turning(MESH, LAW), candidate_is_stvk=False, quiet=True)
     assert ("invariance", "W") in {(r.check, r.quantity) for r in report.failures("candidate")}, str(report)
 
 
 def test_the_taylor_test_catches_a_wrong_tangent_of_another_law():
-    report = verify(MESH, TERM, candidate=NeoHookean(MESH, 1.5, 1.0, error_in_K=0.01), candidate_is_stvk=False, quiet=True)
+    body = System(MESH, LAW)
+    wrong = SimpleNamespace(energy=body.energy, internal_force=body.internal_force, tangent=lambda u: 1.001 * body.tangent(u))
+    report = verify(MESH, TERM, candidate=wrong, candidate_is_stvk=False, quiet=True)
     assert {(r.check, r.quantity) for r in report.failures("candidate")} == {("derivatives", "K")}
 
 
-@pytest.mark.filterwarnings("ignore:invalid value encountered in log")
 def test_another_law_passed_off_as_stvk_is_caught():
-    report = verify(MESH, TERM, candidate=NeoHookean(MESH, 1.5, 1.0), quiet=True)
+    report = verify(MESH, TERM, candidate=System(MESH, LAW), quiet=True)
     assert "agreement" in {r.check for r in report.failures("candidate")}
 
 
@@ -216,7 +163,9 @@ def test_candidates_on_every_kind_of_simplex(name):
 
 def test_an_operator_that_is_not_symmetric_is_caught():
     wrong = FAULTS["skew K"].make(MESH, [TERM])
-    operator = Candidate(tangent=lambda u: LinearOperator((MESH.p.size,) * 2, matvec=lambda v: wrong.tangent(u) @ v, dtype=float))
+    operator = SimpleNamespace(
+        tangent=lambda u: LinearOperator((MESH.p.size,) * 2, matvec=lambda v: wrong.tangent(u) @ v, dtype=float)
+    )
     failed = {r.check for r in verify(MESH, TERM, candidate=operator, quiet=True).failures("candidate")}
     assert {"agreement", "symmetry"} <= failed
 
@@ -224,25 +173,17 @@ def test_an_operator_that_is_not_symmetric_is_caught():
 def test_a_large_operator_is_checked_for_zero_modes_on_a_piece():
     mesh = box(6)
     body = System(mesh, TERM)
-    operator = Candidate(tangent=lambda u: LinearOperator((mesh.p.size,) * 2, matvec=lambda v: body.tangent(u) @ v, dtype=float))
+    operator = SimpleNamespace(
+        tangent=lambda u: LinearOperator((mesh.p.size,) * 2, matvec=lambda v: body.tangent(u) @ v, dtype=float)
+    )
     report = verify(mesh, TERM, candidate=operator, quiet=True)
     (result,) = [r for r in report.results if r.check == "no further zero mode" and r.subject == "candidate"]
     assert result.outcome is CheckOutcome.PASSED and "all others constrained" in result.scale
 
 
-def test_a_candidate_that_reuses_its_buffer_is_judged_correctly():
-    class Reusing(NeoHookean):
-        def internal_force(self, u):
-            self.buffer = getattr(self, "buffer", np.empty(u.size))
-            self.buffer[:] = super().internal_force(u)
-            return self.buffer
-
-    assert verify(MESH, TERM, candidate=Reusing(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True).passed
-
-
 @pytest.mark.parametrize("factor", [1e-15, 1e6])
 def test_another_law_is_judged_on_its_own_scale(factor):
-    class Scaled(NeoHookean):
+    class Scaled(System):
         def energy(self, u):
             return factor * super().energy(u)
 
@@ -252,7 +193,7 @@ def test_another_law_is_judged_on_its_own_scale(factor):
         def tangent(self, u):
             return factor * super().tangent(u)
 
-    assert verify(MESH, TERM, candidate=Scaled(MESH, 1.5, 1.0), candidate_is_stvk=False, quiet=True).passed
+    assert verify(MESH, TERM, candidate=Scaled(MESH, LAW), candidate_is_stvk=False, quiet=True).passed
     linear = FAULTS["linear strain"].make(MESH, StVK(young=factor, poisson=0.3))
     failed = {(r.check, r.quantity) for r in verify(MESH, TERM, candidate=linear, candidate_is_stvk=False, quiet=True).failures()}
     assert {("invariance", "W"), ("invariance", "F"), ("invariance", "K"), ("balance", "sum of torques")} <= failed
@@ -260,37 +201,17 @@ def test_another_law_is_judged_on_its_own_scale(factor):
 
 @pytest.mark.parametrize("is_stvk", [True, False])
 def test_zero_W_and_F_do_not_pass(is_stvk):
-    nothing = Candidate(energy=lambda u: 0.0, internal_force=lambda u: 0 * u)
+    nothing = SimpleNamespace(energy=lambda u: 0.0, internal_force=lambda u: 0 * u)
     report = verify(MESH, TERM, candidate=nothing, candidate_is_stvk=is_stvk, quiet=True)
     assert not report.passed
     assert {"derivatives"} <= {r.check for r in report.results if r.subject == "candidate" and r.outcome is not CheckOutcome.PASSED}
 
 
 def test_a_derivative_hidden_by_round_off_does_not_pass():
-    hidden = Candidate(energy=lambda u: 1e14 + BODY.energy(u), internal_force=lambda u: 2 * BODY.internal_force(u))
+    hidden = SimpleNamespace(energy=lambda u: 1e14 + BODY.energy(u), internal_force=lambda u: 2 * BODY.internal_force(u))
     report = verify(MESH, TERM, candidate=hidden, candidate_is_stvk=False, quiet=True)
     assert not report.passed
     assert any("round-off hides the derivative" in r.reason for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN)
-
-
-def test_a_candidate_that_refills_its_matrix_is_judged_correctly():
-    K = BODY.tangent(np.zeros(BODY.ndofs))
-    reusing = Candidate(tangent=lambda u: BODY.tangent(u, out=K), internal_force=BODY.internal_force)
-    assert verify(MESH, TERM, candidate=reusing, quiet=True).passed
-
-
-def test_a_candidate_that_exits_or_has_a_raising_property_does_not_stop_the_referee():
-    class Exiting:
-        def energy(self, u):
-            raise SystemExit(3)
-
-        @property
-        def internal_force(self):
-            raise RuntimeError("not built")
-
-    report = verify(MESH, TERM, candidate=Exiting(), quiet=True)
-    reasons = " ".join(r.reason for r in report.results if r.outcome is CheckOutcome.COULD_NOT_RUN)
-    assert "raised SystemExit: 3" in reasons and "raised RuntimeError: not built" in reasons
 
 
 def test_the_worst_location_has_the_largest_error():

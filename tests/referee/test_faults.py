@@ -8,7 +8,7 @@ from skfem_stvk import ElementMesh, StVK, StvkError, System, embedded_mesh, veri
 from skfem_stvk.referee.faults import FAULTS
 from skfem_stvk.referee.results import CheckOutcome
 
-MESH = box(4)
+MESH = box(3)
 TERM = StVK(young=2.0, poisson=0.3)
 
 
@@ -57,17 +57,6 @@ def test_without_the_geometric_term_K_is_right_at_rest_only():
         if r.check == "agreement" and r.quantity == "K" and r.subject == "candidate" and r.outcome is CheckOutcome.PASSED
     }
     assert states == {"rest", "rigid rotation"}
-
-
-def test_a_right_candidate_passes():
-    report = checked(System(MESH, TERM))
-    assert report.passed
-    assert {r.check for r in report.results if r.subject == "candidate"} >= {
-        "agreement",
-        "derivatives",
-        "closed forms",
-        "patch test",
-    }
 
 
 def test_an_error_of_single_precision_in_W_only_is_caught():

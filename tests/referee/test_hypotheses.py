@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,12 +26,9 @@ def named(candidate, mesh=MESH, terms=(TERM,), options=None):
     return name_the_fault(_case(mesh, list(terms), options or {}, candidate, 0), list(terms))
 
 
-class PartialModel:
-    """Candidate with some of the three methods of a model."""
-
-    def __init__(self, model, *methods):
-        for method in methods:
-            setattr(self, method, getattr(model, method))
+def partial_model(model, *methods):
+    """Return a candidate with some of the three methods of a model."""
+    return SimpleNamespace(**{method: getattr(model, method) for method in methods})
 
 
 @pytest.mark.few(8)
@@ -53,7 +51,7 @@ def test_a_planted_fault_is_named_by_its_class_or_by_none(name):
 def test_one_of_the_three_methods_is_enough(name, methods):
     fault = FAULTS[name]
     body = bodies()[fault.body]
-    assert fault.named in named(PartialModel(fault.make(body.mesh, body.terms), *methods), body.mesh, body.terms).names
+    assert fault.named in named(partial_model(fault.make(body.mesh, body.terms), *methods), body.mesh, body.terms).names
 
 
 class RacyModel:
@@ -179,7 +177,7 @@ def with_error_in(element, error):
         K[np.ix_(dofs, dofs)] = K[np.ix_(dofs, dofs)].toarray() + error(u[dofs])
         return csr_matrix(K)
 
-    return FunctionModel(energy=RIGHT.energy, internal_force=RIGHT.internal_force, tangent=tangent)
+    return SimpleNamespace(energy=RIGHT.energy, internal_force=RIGHT.internal_force, tangent=tangent)
 
 
 @pytest.mark.parametrize("element", [0, 5, 29, 47])
@@ -193,7 +191,7 @@ def test_the_location_of_an_unexplained_fault_is_in_the_wrong_element(element):
 
 
 def test_a_failure_of_the_energy_at_rest_has_no_location():
-    naming = named(FunctionModel(energy=lambda u: RIGHT.energy(u) + 0.1 * np.exp(-(u @ u)), internal_force=RIGHT.internal_force))
+    naming = named(SimpleNamespace(energy=lambda u: RIGHT.energy(u) + 0.1 * np.exp(-(u @ u)), internal_force=RIGHT.internal_force))
     assert naming.names == [] and naming.smallest == "F is correct. It fails at rest."
 
 
@@ -224,7 +222,7 @@ def test_wrong_units_of_length_are_named_for_all_elements(kind, name, factor_of_
         name: partial(lambda name, u: getattr(body, name)(factor_of_u * u), name)
         for name in ("energy", "internal_force", "tangent")
     }
-    naming = named(FunctionModel(**calls), mesh)
+    naming = named(SimpleNamespace(**calls), mesh)
     assert len(naming.names) == 1 and (naming.names[0] == name or name == "W, F, K x"), naming.lines()
     if name == "W, F, K x":
         k = mesh.k
@@ -268,7 +266,7 @@ def spoilt(quantity, states):
         return found
 
     names = {"energy": "W", "internal_force": "F", "tangent": "K"}
-    return FunctionModel(**{m: partial(value, name, getattr(RIGHT, m)) for m, name in names.items()})
+    return SimpleNamespace(**{m: partial(value, name, getattr(RIGHT, m)) for m, name in names.items()})
 
 
 @pytest.mark.parametrize("quantity", "WFK")
@@ -345,21 +343,14 @@ LAMBDA_TWICE = FAULTS["twice lambda"].make(MESH, [TERM])
 RIGHT = System(MESH, TERM)
 
 
-class FunctionModel:
-    """Candidate with W, F and K as given functions of u."""
-
-    def __init__(self, **methods):
-        self.__dict__.update(methods)
-
-
 def test_a_fault_of_only_a_tangent_is_named_without_a_dense_matrix(monkeypatch):
     def dense(*arguments, **options):
         raise AssertionError("a matrix of the size of the mesh was made dense")
 
     monkeypatch.setattr(csr_matrix, "toarray", dense)
     monkeypatch.setattr(csr_matrix, "todense", dense)
-    assert named(PartialModel(LAMBDA_TWICE, "tangent")).names == ["lambda doubled"]
-    assert named(PartialModel(FAULTS["one tet skipped"].make(MESH, [TERM]), "tangent")).names == ["one element x 0"]
+    assert named(partial_model(LAMBDA_TWICE, "tangent")).names == ["lambda doubled"]
+    assert named(partial_model(FAULTS["one tet skipped"].make(MESH, [TERM]), "tangent")).names == ["one element x 0"]
 
 
 def test_no_factor_of_lambda_is_reported_where_it_is_zero():
@@ -379,7 +370,7 @@ def test_a_candidate_that_raises_in_some_states_is_named_by_the_others(farthest)
             raise ValueError("too far")
         return LAMBDA_TWICE.internal_force(u)
 
-    assert named(FunctionModel(internal_force=force)).names == ["lambda doubled"] and len(raised) == (9 if farthest == 4.5 else 4)
+    assert named(SimpleNamespace(internal_force=force)).names == ["lambda doubled"] and len(raised) == (9 if farthest == 4.5 else 4)
 
 
 @pytest.mark.parametrize("factor", [1e-9, 1e-3, 1e6])
@@ -389,7 +380,7 @@ def test_units_are_named_with_their_digits(factor):
 
 
 def test_a_fault_of_one_of_the_three_methods_is_named_separately():
-    candidate = FunctionModel(energy=RIGHT.energy, internal_force=LAMBDA_TWICE.internal_force, tangent=RIGHT.tangent)
+    candidate = SimpleNamespace(energy=RIGHT.energy, internal_force=LAMBDA_TWICE.internal_force, tangent=RIGHT.tangent)
     (one,) = named(candidate).explanations
     assert one.name == "W: right; F: lambda doubled; K: right" and "F: your lambda is 2.000 x" in one.words
     candidate.tangent = FAULTS["no geometric term"].make(MESH, [TERM]).tangent
@@ -398,7 +389,7 @@ def test_a_fault_of_one_of_the_three_methods_is_named_separately():
 
 def test_a_partial_explanation_and_the_rest_are_reported():
     shear, skew = FAULTS["engineering shear doubled"].make(MESH, [TERM]), FAULTS["skew K"].make(MESH, [TERM])
-    candidate = FunctionModel(energy=shear.energy, internal_force=shear.internal_force)
+    candidate = SimpleNamespace(energy=shear.energy, internal_force=shear.internal_force)
     candidate.tangent = lambda u: shear.tangent(u) + 1e6 * (skew.tangent(u) - RIGHT.tangent(u))
     naming = named(candidate)
     assert naming.names == ["W: shear stresses doubled; F: shear stresses doubled"]
@@ -414,11 +405,9 @@ def test_a_partial_explanation_and_the_rest_are_reported():
 
 
 def test_an_added_term_explains_W_or_F_only_if_the_others_are_right():
-    candidate = FunctionModel(
-        energy=lambda u: LAMBDA_TWICE.energy(u), internal_force=FAULTS["lone force"].make(MESH, [TERM]).internal_force
-    )
+    candidate = SimpleNamespace(energy=LAMBDA_TWICE.energy, internal_force=FAULTS["lone force"].make(MESH, [TERM]).internal_force)
     assert named(candidate).names == ["W: lambda doubled; F: a constant force"]
-    candidate = FunctionModel(energy=lambda u: RIGHT.energy(u) + 0.3, internal_force=RIGHT.internal_force, tangent=RIGHT.tangent)
+    candidate = SimpleNamespace(energy=lambda u: RIGHT.energy(u) + 0.3, internal_force=RIGHT.internal_force, tangent=RIGHT.tangent)
     (one,) = named(candidate).explanations
     assert one.name == "a constant energy" and "0.3 J" in one.words
 
@@ -426,7 +415,7 @@ def test_an_added_term_explains_W_or_F_only_if_the_others_are_right():
 def test_elements_without_initial_stress_are_named_for_an_operator():
     K = FAULTS["geometric term in part"].make(MESH, [TERM]).tangent
     for tangent in (K, lambda u: aslinearoperator(K(u))):
-        (one,) = named(FunctionModel(tangent=tangent)).explanations
+        (one,) = named(SimpleNamespace(tangent=tangent)).explanations
         assert one.words == "K has no initial stress in 16 elements (0, 3, 6, 9, 12, ...)"
 
 
@@ -472,7 +461,7 @@ REVERSED = np.arange(MESH.p.size).reshape(-1, 3)[:, ::-1].ravel()
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_wrong_displacements_are_named(name, force):
-    assert named(FunctionModel(internal_force=force)).names == [name]
+    assert named(SimpleNamespace(internal_force=force)).names == [name]
 
 
 def test_plane_strain_instead_of_plane_stress_is_named_and_the_reverse():
@@ -486,12 +475,12 @@ def test_not_more_constants_are_fitted_than_energies_determine():
     """Constants by region are not fitted to the energy if there are as many as values of W: five regions have ten constants."""
     regions = np.array_split(np.arange(MESH.nt), 5)
     terms = [StVK(young=1.0 + i, poisson=0.2 + 0.05 * i, region=region) for i, region in enumerate(regions)]
-    assert not named(FunctionModel(energy=lambda u: float(np.sum(np.cos(u)) + 7)), MESH, terms).names
+    assert not named(SimpleNamespace(energy=lambda u: float(np.sum(np.cos(u)) + 7)), MESH, terms).names
 
 
 def test_a_candidate_without_an_energy_is_named_by_its_force_and_tangent():
     def energy(u):
         raise ValueError("there is none")
 
-    naming = named(FunctionModel(energy=energy, internal_force=LAMBDA_TWICE.internal_force, tangent=LAMBDA_TWICE.tangent))
+    naming = named(SimpleNamespace(energy=energy, internal_force=LAMBDA_TWICE.internal_force, tangent=LAMBDA_TWICE.tangent))
     assert naming.names == ["lambda doubled"]

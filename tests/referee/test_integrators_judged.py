@@ -130,17 +130,6 @@ def late(*state):
         (pushed, {}, {("drift", "linear momentum")}),
         (lambda system, u, v, dt: (np.nan * u, v), {}, {"memory", "order"}),
     ],
-    ids=[
-        "explicit Euler",
-        "order 1",
-        "old force",
-        "damping",
-        "force too strong",
-        "stale force",
-        "nearly stale",
-        "pushed",
-        "nan",
-    ],
 )
 def test_planted_faults_are_caught(step, claims, caught):
     report = judged(step, **claims)

@@ -168,6 +168,8 @@ def at_rest_stressed(F):
         ({"energy": KIRCHHOFF.W, "stress": lambda F: -KIRCHHOFF.P(F)}, ("derivatives", "P"), ["stress x -1.000"]),
         ({"stress": KIRCHHOFF.S, "elasticity": lambda F: KIRCHHOFF.C(F) + LAM * np.einsum("ij,kl->ijkl", ONE, ONE)},
          ("derivatives", "A"), ["elasticity: lambda x 2.000, mu x 1.000"]),
+        ({"stress": KIRCHHOFF.S, "elasticity": lambda F: KIRCHHOFF.C(F) - LAM * np.einsum("ij,kl->ijkl", ONE, ONE)},
+         ("derivatives", "A"), ["elasticity: lambda x 0.000, mu x 1.000"]),
         ({"energy": KIRCHHOFF.W, "stress": lambda F: KIRCHHOFF.S(F) / 2, "elasticity": lambda F: KIRCHHOFF.C(F) / 2},
          ("derivatives", "P"), ["stress x 0.500; elasticity x 0.500"]),
         ({"stress": linear}, ("objectivity", "P"), ["linear strain"]),
@@ -192,14 +194,6 @@ def test_an_unnamed_fault_is_reported_in_the_state_nearest_to_rest():
 def test_a_lambda_that_should_be_zero_is_named():
     report = verify_law(stress=KIRCHHOFF.S, claims=StVK(young=2 * MU, poisson=0.0))
     assert name(report) == "lambda instead of 0" and "lambda = 10, expected 0" in str(report)
-
-
-def test_a_tangent_without_its_geometric_term_is_named():
-    def incomplete(F):
-        return np.einsum("im,kn,mjnl->ijkl", F, F, KIRCHHOFF.C(F))
-
-    report = verify_law(stress=KIRCHHOFF.P, elasticity=incomplete, measure="P", tangent="A")
-    assert ("derivatives", "A") in failed(report) and name(report) == "elasticity without its geometric term"
 
 
 def test_a_tangent_without_symmetry_is_caught():
@@ -433,9 +427,3 @@ def test_a_wrong_geometric_term_is_named(stress, words, given):
     others = {"energy": {"energy": KIRCHHOFF.W}, "stress": {"stress": KIRCHHOFF.P, "measure": "P"}, "claims": {"claims": CLAIMS}}
     report = verify_law(elasticity=with_geometric(stress), tangent="A", **others[given])
     assert not report.passed and name(report) == f"elasticity {words}", str(report)
-
-
-def test_a_tangent_without_lambda_is_named():
-    lam = LAM * np.einsum("ij,kl->ijkl", ONE, ONE)
-    report = verify_law(stress=KIRCHHOFF.S, elasticity=lambda F: KIRCHHOFF.C(F) - lam, measure="S", tangent="C", claims=CLAIMS)
-    assert name(report) == "elasticity: lambda x 0.000, mu x 1.000", str(report)

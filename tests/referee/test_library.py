@@ -10,14 +10,12 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-import meshio
 import numpy as np
 import pytest
 from bodies import box
 
 from skfem_stvk import StVK, StvkError, verify
 from skfem_stvk.referee.against import library_candidate
-from skfem_stvk.referee.checks import precision
 from skfem_stvk.referee.peers.library import LONGEST_CALL, SharedLibrary
 from skfem_stvk.referee.peers.process import KEPT, AnsweringProcess
 from skfem_stvk.referee.results import CheckOutcome
@@ -27,11 +25,6 @@ DOCS = Path(__file__).parents[2] / "docs" / "candidate"
 MESH = box(1)
 TERMS = [StVK(young=1e5, poisson=0.3)]
 MINE = {role: f"mine_{name}" for role, name in {"body": "body", "energy": "W", "force": "F", "tangent": "K"}.items()}
-
-
-@pytest.fixture(autouse=True)
-def fast(monkeypatch):
-    monkeypatch.setattr(precision, "SECONDS", 0.0)
 
 
 def needed(program):
@@ -59,14 +52,6 @@ def libraries(tmp_path_factory):
 
 def options(functions):
     return [word for role, name in functions.items() for word in (f"--{role}", name)]
-
-
-@pytest.fixture
-def part(tmp_path, monkeypatch):
-    """Write a mesh into a temporary working folder, and return the folder."""
-    monkeypatch.chdir(tmp_path)
-    meshio.Mesh(MESH.p.T, [("tetra", MESH.t.T)]).write("part.vtu")
-    return tmp_path
 
 
 def test_the_library_of_the_docs_passes_and_its_planted_fault_is_named(libraries, part, capsys):

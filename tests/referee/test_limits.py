@@ -64,6 +64,7 @@ def sliver(h):
     return p, np.array([[0, 1, 2, 3], [0, 1, 2, 4]]).T
 
 
+@pytest.mark.few(2)
 @pytest.mark.parametrize("h", [0.3, 0.1, 0.03, 0.01, 0.001])
 def test_single_slivers_pass(h):
     assert verify(sliver(h), TERM, **QUIET).passed

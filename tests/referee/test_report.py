@@ -20,11 +20,15 @@ from skfem_stvk import (
     verify,
 )
 from skfem_stvk.about import circumstances
-from skfem_stvk.referee.plots import page
 from skfem_stvk.referee.results import CheckOutcome, Explanation, Naming, Result, judged
 
 TERM = StVK(young=2.0, poisson=0.3)
 QUIET = {"quiet": True}
+
+
+@pytest.fixture(scope="module")
+def report():
+    return verify(box(3), TERM, **QUIET)
 
 
 def test_an_interrupted_speed_check_does_not_pass(monkeypatch):
@@ -49,16 +53,16 @@ def test_an_empty_report_has_not_passed():
     assert not Report(header={}).passed
 
 
-def test_errors_in_the_speed_plot_are_round_off():
-    errors = verify(box(3), TERM, **QUIET).errors
+def test_errors_in_the_speed_plot_are_round_off(report):
+    errors = report.errors
     assert set(errors) == {"skfem-stvk", "scikit-fem", "|p|^2 - |P|^2"}
     assert 0 < errors["skfem-stvk"]["F"] < 1e-14 < errors["|p|^2 - |P|^2"]["F"] < 1e-11
     assert 0 < errors["skfem-stvk"]["K"] < 1e-14
     assert 0 < errors["scikit-fem"]["W"] < 1e-11
 
 
-def test_errors_are_small_at_every_strain_and_offset_except_for_the_textbook_form():
-    rows = verify(box(3), TERM, **QUIET).precision
+def test_errors_are_small_at_every_strain_and_offset_except_for_the_textbook_form(report):
+    rows = report.precision
     error = {(r["form"], r["rotation_deg"], r["offset_m"], r["strain"]): r["error"] for r in rows}
     strains = sorted({r["strain"] for r in rows})
     assert len(strains) == 12 and {r["offset_m"] for r in rows} == {0.0, 1e3, 1e6}
@@ -71,8 +75,8 @@ def test_errors_are_small_at_every_strain_and_offset_except_for_the_textbook_for
     assert error["scikit-fem", 0, 0.0, 1e-8] > 1e-10
 
 
-def test_speed_has_a_row_for_each_candidate_and_quantity():
-    rows = verify(box(3), TERM, **QUIET).speed
+def test_speed_has_a_row_for_each_candidate_and_quantity(report):
+    rows = report.speed
     assert {(r["player"], r["quantity"]) for r in rows} == {(p, q) for p in ("skfem-stvk", "scikit-fem") for q in "WFK"}
     ns = {(r["player"], r["quantity"]): r["ns_per_element"] for r in rows}
     assert all(r["ratio"] == pytest.approx(ns["scikit-fem", r["quantity"]] / r["ns_per_element"]) for r in rows)
@@ -80,8 +84,7 @@ def test_speed_has_a_row_for_each_candidate_and_quantity():
     assert all(r["peak_bytes_per_element"] * box(3).nt >= 8 * nnz for r in rows if r["quantity"] == "K")
 
 
-def test_the_report_is_saved_as_json_and_as_one_html_file(tmp_path):
-    report = verify(box(2), TERM, **QUIET)
+def test_the_report_is_saved_as_json_and_as_one_html_file(report, tmp_path):
     folder = report.save(tmp_path / "new" / "report")
     saved = json.loads((folder / "report.json").read_text())
     assert saved["passed"] and len(saved["results"]) == len(report.results)
@@ -95,8 +98,8 @@ def test_the_report_is_saved_as_json_and_as_one_html_file(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["report.json", "report.html"])
-def test_on_a_full_disk_a_report_is_complete_or_unchanged(name, tmp_path, monkeypatch):
-    report, write = verify(box(2), TERM, **QUIET), Path.write_text
+def test_on_a_full_disk_a_report_is_complete_or_unchanged(name, report, tmp_path, monkeypatch):
+    write = Path.write_text
     for old in ("report.json", "report.html"):
         (tmp_path / old).write_text("as it was")
 
@@ -174,11 +177,11 @@ class PageText(HTMLParser):
         return " ".join("".join(self.parts).split())
 
 
-def test_a_page_begins_with_failed_checks_then_the_fault_and_ends_with_provenance():
+def test_a_page_begins_with_failed_checks_then_the_fault_and_ends_with_provenance(tmp_path):
     mesh = ElementMesh(box(2).p, box(2).t, subdomains={"left": [0, 1]})
     report = verify(mesh, TERM, candidate=System(mesh, StVK(young=2.0 * TERM.material.young, poisson=0.2)), **QUIET)
     report.results.append(Result("patch test", "a cable", "F", "rest", CheckOutcome.NOT_APPLICABLE))
-    text = str(PageText(page(report)))
+    text = str(PageText((report.save(tmp_path) / "report.html").read_text()))
     order = [text.index(heading) for heading in HEADINGS]
     assert order == sorted(order)
     failed, fault, passed, others, provenance = (text[a:b] for a, b in zip(order, [*order[1:], len(text)], strict=True))

@@ -8,11 +8,10 @@ from bodies import box
 from skfem_stvk import ElementMesh, Isotropic, StVK, System, verify
 from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.bodies import elasticity
-from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.discretisation import Discretisation, Shape
 from skfem_stvk.referee.exact import MOST_FLAT, Truth
 from skfem_stvk.referee.reference import ReferenceStVK
 from skfem_stvk.referee.results import CheckOutcome
-from skfem_stvk.referee.shape import Shape
 
 TERM = StVK(young=2.0, poisson=0.3)
 

@@ -19,6 +19,7 @@ from skfem_stvk import (
 )
 from skfem_stvk.referee.case import EDGES, nearby_states
 from skfem_stvk.referee.checks.homogeneous import CLOSED_FORMS
+from skfem_stvk.referee.faulty_systems import cached
 from skfem_stvk.referee.results import CheckOutcome
 
 TERM = StVK(young=2.0, poisson=0.3)
@@ -35,7 +36,7 @@ def test_every_body_passes(name):
 
 
 def test_all_named_states_agree_to_1e_13():
-    report = verify(box(4), TERM, **QUIET)
+    report = verify(box(3), TERM, **QUIET)
     agreement = [r for r in report.results if r.check == "agreement"]
     assert {r.state for r in agreement} == {
         "rest",
@@ -233,14 +234,10 @@ def test_exchanged_shear_moduli_and_a_wrong_lame_pair_are_caught(monkeypatch):
     assert {"closed forms", "precision"} <= {r.check for r in verify(box(2), ply, **QUIET).failures()}
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_any_seed_passes(seed):
-    assert verify(box(2), TERM, seed=seed, **QUIET).passed
-
-
-def test_the_same_seed_gives_the_same_numbers():
-    first, second = (verify(box(2), TERM, seed=3, **QUIET).results for _ in range(2))
-    assert first == second
+def test_any_seed_passes_and_gives_its_own_numbers():
+    first, second, *others = (verify(box(2), TERM, seed=seed, **QUIET) for seed in (3, 3, 4, 5))
+    assert first.results == second.results
+    assert all(report.passed and report.results != first.results for report in others)
 
 
 @pytest.mark.parametrize(
@@ -265,11 +262,6 @@ def test_bad_input_is_an_error_before_any_work(call, error, message):
         call()
 
 
-def test_another_seed_gives_other_numbers():
-    first, second = (verify(box(2), TERM, seed=seed, **QUIET).results for seed in (3, 4))
-    assert first != second
-
-
 @pytest.mark.parametrize(("i", "j"), [(0, 0), (0, 1), (1, 0), (1, 1), (2, 2)])
 def test_every_entry_of_the_nominal_stress_is_compared(i, j, monkeypatch):
     def wrong(k, lam, mu):
@@ -282,24 +274,6 @@ def test_every_entry_of_the_nominal_stress_is_compared(i, j, monkeypatch):
     assert [(r.check, r.quantity, r.state) for r in verify(box(2), TERM, **QUIET).failures()] == [
         ("closed forms", "P", "simple shear")
     ]
-
-
-class Cached:
-    """Body that returns its last F or K again as long as `key(u)` is the same."""
-
-    def __init__(self, system, key, methods):
-        self.key, self.last = key, {}
-        for name in ("energy", "internal_force", "tangent"):
-            call = getattr(system, name)
-            setattr(self, name, self.cached(name, call) if name in methods else call)
-
-    def cached(self, name, call):
-        def value(u):
-            if name not in self.last or self.last[name][0] != self.key(u):
-                self.last[name] = self.key(u), call(u)
-            return self.last[name][1]
-
-        return value
 
 
 #: Keys of a cache that two nearby states may share.
@@ -324,8 +298,9 @@ BOXES = {
 @pytest.mark.parametrize("mesh", BOXES)
 def test_a_stale_cache_of_a_nearby_state_fails_and_is_named(mesh, key, methods):
     """Caches of F or K by the text of u, some of its entries, its norm, its sum or its largest entry fail, and are named."""
-    system, names = System(BOXES[mesh], TERM), {"internal_force": "F", "tangent": "K"}
-    report = verify(BOXES[mesh], TERM, candidate=Cached(system, KEYS[key], methods), **QUIET)
+    names = {"internal_force": "F", "tangent": "K"}
+    candidate = cached(methods, lambda u, last: KEYS[key](u) == KEYS[key](last), ElementMesh.of(BOXES[mesh]), [TERM])
+    report = verify(BOXES[mesh], TERM, candidate=candidate, **QUIET)
     stale = {("memory", names[method]) for method in methods}
     assert stale <= {(r.check, r.quantity) for r in report.failures("candidate")}, str(report)
     assert report.named.names == [f"{', '.join(map(names.get, methods))} cached while u is nearly the same"]
@@ -333,9 +308,9 @@ def test_a_stale_cache_of_a_nearby_state_fails_and_is_named(mesh, key, methods):
 
 @pytest.mark.parametrize("mesh", BOXES)
 def test_a_cache_of_the_whole_state_passes(mesh):
-    system = System(BOXES[mesh], TERM)
     methods = ("energy", "internal_force", "tangent")
-    assert verify(BOXES[mesh], TERM, candidate=Cached(system, np.ndarray.tobytes, methods), **QUIET).passed
+    candidate = cached(methods, np.array_equal, ElementMesh.of(BOXES[mesh]), [TERM])
+    assert verify(BOXES[mesh], TERM, candidate=candidate, **QUIET).passed
 
 
 @pytest.mark.parametrize("mesh", BOXES)

@@ -3,7 +3,6 @@
 import meshio
 import numpy as np
 import pytest
-import skfem
 from bodies import CURVED, EVERY_MESH, state
 
 from skfem_stvk import ElementMesh, StVK, read_mesh
@@ -89,12 +88,6 @@ def test_outlines_of_curved_bodies_are_curved():
         picture = VisibleMesh(mesh).picture(np.zeros((mesh.nv, 2)), np.zeros(mesh.t.shape), "", 1.0)
         found.append(np.linalg.norm(np.diff(picture.rest[picture.lines], axis=0), axis=2).sum())
     assert found[0] == pytest.approx(6, rel=1e-12) and found[1] == pytest.approx(2 * np.pi, rel=4e-3)
-
-
-def test_the_outline_of_a_box_has_twelve_edges():
-    mesh = ElementMesh.of(skfem.MeshHex.init_tensor(*[np.linspace(0, 1, 3)] * 3))
-    picture = VisibleMesh(mesh).picture(np.zeros((mesh.nv, 3)), np.zeros(mesh.t.shape), "", 1.0)
-    assert np.linalg.norm(np.diff(picture.rest[picture.lines], axis=0), axis=2).sum() == pytest.approx(12)
 
 
 @pytest.mark.parametrize("name", ["quadratic triangles", "hexahedra", "quadratic cable"])

@@ -10,7 +10,7 @@ from bodies import CURVED, STRAIGHT, scikit_fem_of, some_voigt, state, values_at
 from skfem.helpers import grad, identity, mul, trace, transpose
 
 from skfem_stvk import Anisotropic, StVK, StvkError, System
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 from skfem_stvk.results import Fields, names
 
 SOLID = [name for name in CURVED if scikit_fem_of(CURVED[name])]

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 from bodies import BODIES, MESHES, state
-from homogeneous import LAM, MU, POISSON, YOUNG, affine, homogeneous, rotation
+from homogeneous import LAM, MU, affine, forces, gradients, homogeneous, rotation
 from hypothesis import given
 from hypothesis import strategies as st
 
 from skfem_stvk import ElementMesh, Isotropic, StateError, StVK, StvkWarning, System
-from skfem_stvk.mesh.geometry import Geometry
 from skfem_stvk.referee.bodies import is_condensed, voigt_matrix
 from skfem_stvk.referee.reference import anisotropic_tensor, engineering_matrix
 from skfem_stvk.results import Fields
@@ -39,67 +38,9 @@ def test_simple_shear(name, g):
     assert np.allclose(now["cauchy_stress"], np.array(P) @ [[1, 0, 0], [g, 1, 0], [0, 0, 1]], rtol=0, atol=1e-13)
 
 
-@pytest.mark.parametrize("s", [0.8, 1.3])
-def test_hydrostatic(s):
-    now = homogeneous("tetrahedra", s * np.eye(3))
-    bulk = LAM + 2 * MU / 3
-    assert np.allclose(now["pk1"], 1.5 * bulk * s * (s**2 - 1) * np.eye(3), rtol=0, atol=1e-13)
-    assert np.allclose(now["cauchy"], 1.5 * bulk * (s**2 - 1) / s * np.eye(3), rtol=0, atol=1e-13)
-    assert np.abs(now["von_mises"]).max() < 1e-13
-
-
-@pytest.mark.parametrize("name", ["segments", "cable in the plane", "cable", "tetrahedra"])
-@pytest.mark.parametrize("s", [0.7, 1.4])
-def test_uniaxial_stress(name, s):
-    lateral = np.sqrt(1 - POISSON * (s**2 - 1))
-    mesh = MESHES[name]
-    now = homogeneous(name, np.diag([s, lateral, lateral]) if name == "tetrahedra" else s * np.eye(3))
-    tangent = Geometry(mesh.p, mesh.t).axes[:, :, 0]
-    axis = np.zeros((mesh.nt, 3))
-    axis[:, : mesh.d] = tangent
-    along = axis[:, :, None] * axis[:, None, :]
-    force = YOUNG / 2 * s * (s**2 - 1)
-    assert np.allclose(now["pk1"], force * along, rtol=0, atol=1e-13)
-    assert np.allclose(now["cauchy"], force / lateral**2 * along, rtol=0, atol=1e-12)
-    assert np.allclose(now["von_mises"], abs(force) / lateral**2, rtol=0, atol=1e-12)
-    assert np.allclose(now["volume_ratio"], s * lateral**2, rtol=1e-13)
-
-
-@pytest.mark.parametrize("name", ["triangles", "membrane"])
-@pytest.mark.parametrize("s", [0.8, 1.2])
-def test_equibiaxial_plane_stress(name, s):
-    mesh = MESHES[name]
-    now = homogeneous(name, s * np.eye(3), **({"plane": "stress"} if name == "triangles" else {}))
-    thin = np.sqrt(1 - 2 * POISSON / (1 - POISSON) * (s**2 - 1))
-    S = YOUNG / (2 * (1 - POISSON)) * (s**2 - 1)
-    vectors = np.zeros((2, mesh.nt, 3))
-    vectors[:, :, : mesh.d] = (mesh.p[:, mesh.t[1:]] - mesh.p[:, mesh.t[:1]]).transpose(1, 2, 0)
-    normal = np.cross(*vectors)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    within = np.eye(3) - normal[:, :, None] * normal[:, None, :]
-    assert np.allclose(now["pk2"], S * within, rtol=0, atol=1e-13)
-    assert np.allclose(now["pk1"], s * S * within, rtol=0, atol=1e-13)
-    assert np.allclose(now["cauchy"], S / thin * within, rtol=0, atol=1e-13)
-    assert np.allclose(now["volume_ratio"], s**2 * thin, rtol=1e-13)
-    assert np.allclose(np.sort(now["principal_stretches"]), np.sort([s, s, thin]), rtol=1e-13)
-
-
 def small(mesh):
     """Return random displacements that leave membranes a positive thickness."""
     return state(mesh, 0.1 if mesh.d == mesh.k == 3 else 0.03)
-
-
-def forces(mesh, stress, gradients, volume):
-    """Return nodal forces `sum of V stress . grad N_a` (ndofs,)."""
-    local = volume[:, None, None] * np.einsum("nij,naj->nai", np.asarray(stress)[:, : mesh.d, : mesh.d], gradients)
-    total = np.zeros((mesh.nv, mesh.d))
-    np.add.at(total, mesh.t.T, local)
-    return total.ravel()
-
-
-def gradients(p, t):
-    geometry = Geometry(p, t)
-    return np.einsum("ndk,nak->nad", geometry.axes, geometry.gradients)
 
 
 @pytest.mark.few

@@ -22,7 +22,7 @@ from skfem_stvk import StVK, System, verify
 from skfem_stvk.kernels.compiled import cache_folder
 from skfem_stvk.referee import verification
 from skfem_stvk.referee.checks import agreement, precision
-from skfem_stvk.referee.rendering import rendered
+from skfem_stvk.referee.report import rendered
 from skfem_stvk.referee.results import CheckOutcome
 from skfem_stvk.scenes.commands.main import main
 from skfem_stvk.scenes.commands.scenes import OPTIONAL

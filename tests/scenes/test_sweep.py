@@ -11,6 +11,7 @@ import time
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from scenes.test_solved_scenes import wait_for
 
 from skfem_stvk import SceneError, StvkError
 from skfem_stvk.results import matplotlib_plot
@@ -301,14 +302,6 @@ def test_lines_of_a_plot_are_in_the_order_of_the_values(tmp_path, monkeypatch):
     (panel,) = figures[0].axes
     assert [line.get_label() for line in panel.lines] == ["young = 1e6", "young = 1e7", "young = 1e8"]
     assert [list(line.get_xdata()) for line in panel.lines] == [[1, 2]] * 3
-
-
-def wait_for(condition, process):
-    begin = time.monotonic()
-    while not condition():
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() - begin < 300
-        time.sleep(0.02)
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)])

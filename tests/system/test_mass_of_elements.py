@@ -11,7 +11,7 @@ from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.mesh.element import ELEMENTS
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 from skfem_stvk.system.mass import KINDS, ConsistentMass, LumpedMass, bounds_of_elements
 from skfem_stvk.terms import Body
 from skfem_stvk.terms.loads.spread import Spread, lumped_shares, sizes_at_points

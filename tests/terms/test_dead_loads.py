@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from bodies import MESHES, sheet
 from forces import force, integral, moment
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from skfem_stvk import ElementMesh, MaterialError, RegionError, StVK
 from skfem_stvk.errors import LoadError
@@ -136,27 +134,6 @@ def test_nodal_loads_are_the_given_values_on_each_vertex(name):
     assert f.sum() == pytest.approx(0.5 * values.sum())
     each = force(NodalLoad(ids, lambda t: t * np.ones(mesh.d)).bind(body_of(mesh)), mesh, t=0.5)
     assert each.sum() == pytest.approx(0.5 * 4 * mesh.d)
-
-
-@settings(max_examples=25)
-@given(name=st.sampled_from(NAMES), seed=st.integers(0, 1000), t=st.floats(0, 1))
-def test_the_force_of_a_dead_load_is_minus_the_gradient_of_its_potential(name, seed, t):
-    mesh = MESHES[name]
-    rng = np.random.default_rng(seed)
-    load = BodyForce(linear(mesh.d, seed)).bind(body_of(mesh))
-    u, v = rng.standard_normal((2, mesh.nv, mesh.d))
-    slope = load.potential(u + v, t) - load.potential(u, t)
-    scale = np.abs(force(load, mesh, u, t)).sum() + 1
-    assert slope == pytest.approx(-np.vdot(force(load, mesh, u, t).T, v), abs=1e-13 * scale)
-    assert load.has_potential and load.dead
-
-
-def test_loads_on_part_of_a_body_do_not_change_other_forces():
-    mesh = MESHES["tetrahedra"]
-    load = Traction(lambda x: x[0] < 0.4, (1.0, 0, 0)).bind(body_of(mesh))
-    out = np.full((mesh.nv, 3), 7.0)
-    load.add_force(out, 1.0, out)
-    assert (out[mesh.p[0] > 0.4] == 7).all() and (out[:, 0] > 7).any()
 
 
 @pytest.mark.parametrize("density", [None, 2.0])

@@ -14,8 +14,7 @@ from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MotionState
 from skfem_stvk.system import Pattern
 from skfem_stvk.terms import Body
-from skfem_stvk.terms.bound_load import bound_load
-from skfem_stvk.terms.loads.load import Moment
+from skfem_stvk.terms.loads.load import Moment, bound_load
 
 T = Moment(0.6, 0.8)
 
@@ -128,12 +127,6 @@ def test_the_stiffness_is_minus_the_derivative_of_the_force(name):
     assert np.abs(expected).max() > 1e-3
     asymmetry = abs(K - K.T).max() / abs(K).max()
     assert (asymmetry < 1e-14, asymmetry > 1e-3) == (case.has_potential, not case.has_potential)
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("name", DEAD)
-def test_dead_loads_have_no_stiffness(name):
-    assert bound(CASES[name]).dead
 
 
 @pytest.mark.few

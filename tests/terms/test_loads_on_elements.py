@@ -6,14 +6,13 @@ Pressures on closed surfaces balance, and forces are derivatives of energies.
 import numpy as np
 import pytest
 import skfem
-from bodies import CURVED, STRAIGHT, scikit_fem_of, state, values_at
+from bodies import CURVED, MESHES, STRAIGHT, scikit_fem_of, state, values_at
 from forces import force, moment, stiffness
 from skfem.helpers import dot
 
 from skfem_stvk import ElementMesh, StVK
 from skfem_stvk.edges.bound_term import bound
-from skfem_stvk.mesh.points import sizes_at_points, sizes_of
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of, sizes_at_points, sizes_of
 from skfem_stvk.system.pattern import Pattern
 from skfem_stvk.terms import Body, BodyForce, ElasticFoundation, Gravity, NodalLoad, Pressure, Traction
 from skfem_stvk.terms.loads.load import Moment
@@ -113,15 +112,15 @@ def test_a_constant_traction_on_straight_quadratic_facets_acts_at_edge_nodes_onl
     assert np.abs(f[corners]).max() < 1e-15 and f.sum() == pytest.approx(sizes_of(mesh.p, mesh.surface, mesh.facet).sum())
 
 
-def bubble(name):
+def bubble(solid):
     """Return the surface of a solid as a closed membrane with outward normals."""
-    solid = CURVED[name]
     nodes, t = np.unique(solid.surface, return_inverse=True)
     return ElementMesh(solid.p[:, nodes], t.reshape(solid.surface.shape), element=solid.facet)
 
 
 CLOSED = {name: CURVED[name] for name in SOLID if CURVED[name].k > 1}
-CLOSED |= {f"bubble of {name}": bubble(name) for name in ("quadratic tetrahedra", "hexahedra")}
+CLOSED |= {name: MESHES[name] for name in ("tetrahedra", "triangles")}
+CLOSED |= {f"bubble of {name}": bubble((MESHES | CURVED)[name]) for name in ("tetrahedra", "quadratic tetrahedra", "hexahedra")}
 
 
 def pressure(mesh, p):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from bodies import bar, box, sheet, state, turned_round
-from forces import force, moment, quadrature, stiffness
+from forces import force, quadrature, stiffness
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -31,73 +31,12 @@ def bound(mesh, pressure, where=everywhere, thickness=0.3):
     return Pressure(None if mesh.k < mesh.d and where is everywhere else where, pressure).bind(Body(mesh, terms))
 
 
-def enclosed(mesh, u):
-    """Return the enclosed volume: that of the simplices of a solid, or that of the cones over the triangles of a bubble."""
-    x = mesh.p + u.T
-    if mesh.k < mesh.d:
-        a, b, c = x[:, mesh.t].transpose(1, 2, 0)
-        return np.linalg.det(np.stack([a, b, c], axis=1)).sum() / 6
-    corners, rest = x[:, mesh.t], mesh.p[:, mesh.t]
-    now, before = (np.linalg.det((c[:, 1:] - c[:, :1]).transpose(2, 0, 1)) for c in (corners, rest))
-    return (np.sign(before) * now).sum() / (6 if mesh.k == 3 else 2) * (0.3 if mesh.k == 2 else 1)
-
-
-@pytest.mark.parametrize("name", CLOSED)
-@settings(max_examples=10)
-@given(seed=st.integers(0, 10_000), amount=st.floats(0, 3))
-def test_pressure_on_a_closed_surface_is_minus_the_gradient_of_the_volume(name, seed, amount):
-    """The force is minus p times the gradient of the volume.
-
-    The volume is a cubic in u, for which the stencil of four points is exact.
-    """
-    mesh, p = CLOSED[name], 2.5
-    u = state(mesh, amount, seed).reshape(-1, mesh.d)
-    v = state(mesh, 1.0, seed + 1).reshape(-1, mesh.d)
-    V = {s: enclosed(mesh, u + s * v) for s in (-2, -1, 1, 2)}
-    slope = (8 * (V[1] - V[-1]) - (V[2] - V[-2])) / 12
-    f = force(bound(mesh, p), mesh, u)
-    assert np.abs(f).max() > 0.01
-    assert np.vdot(f.T, v) == pytest.approx(-p * slope, abs=1e-12 * np.abs(f).sum() * np.abs(v).max())
-
-
-@pytest.mark.parametrize("name", CLOSED)
-@settings(max_examples=10)
-@given(seed=st.integers(0, 10_000), amount=st.floats(0, 3))
-def test_pressure_on_a_closed_surface_has_no_resultant_and_no_moment(name, seed, amount):
-    mesh = CLOSED[name]
-    u = state(mesh, amount, seed).reshape(-1, mesh.d)
-    f = force(bound(mesh, 2.5), mesh, u)
-    x, scale = mesh.p + u.T, np.abs(f).sum()
-    assert np.abs(f.sum(axis=1)).max() < 1e-14 * scale
-    assert np.abs(moment(x, f)).max() < 1e-14 * scale * np.abs(x).max() * 10
-
-
 SURFACES = {
     **{name: (mesh, everywhere) for name, mesh in CLOSED.items()},
     "part of tetrahedra": (box(), lambda x: x[0] < 0.4),
     "part of triangles": (sheet(), lambda x: x[0] < 0.4),
     "part of a bubble": (bubble(), np.arange(7)),
 }
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("name", SURFACES)
-@pytest.mark.parametrize("pressure", [2.5, lambda x, t: t * (1 + x[0] - 2 * x[1])], ids=["constant", "linear"])
-def test_load_stiffness_is_minus_the_derivative_of_the_force(name, pressure):
-    """The load stiffness is minus the derivative of the force.
-
-    The force is a quadratic in u, for which central differences are exact.
-    """
-    mesh, where = SURFACES[name]
-    load = bound(mesh, pressure, where)
-    u = state(mesh, 0.5).reshape(-1, mesh.d)
-    K, n = stiffness(load, mesh, u, t=0.7), u.size
-    for direction in np.random.default_rng(9).standard_normal((5, n)):
-        v = direction.reshape(u.shape)
-        slope = (force(load, mesh, u + v, 0.7) - force(load, mesh, u - v, 0.7)).T.ravel() / 2
-        assert np.abs(slope).max() > 0.01
-        assert -K @ direction == pytest.approx(slope, abs=1e-12 * np.abs(K).max() * np.abs(v).max() * 10)
-    assert not load.has_potential and not load.dead
 
 
 @pytest.mark.parametrize("name", SURFACES)
@@ -246,9 +185,3 @@ def test_pressure_on_triangles_in_space_needs_elements():
         bound(bubble(), 1.0, lambda x: x[0] < 0.4)
     with pytest.raises(RegionError, match="no subdomain 'lid'"):
         bound(bubble(), 1.0, "lid")
-
-
-def test_the_potential_is_refused():
-    mesh = box()
-    with pytest.raises(LoadError, match="Follower pressure has no potential"):
-        bound(mesh, 1.0).potential(np.zeros((mesh.nv, 3)), 1.0)

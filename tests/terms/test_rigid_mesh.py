@@ -6,7 +6,7 @@ import meshio
 import numpy as np
 import pytest
 import skfem
-from terms.test_mesh_contact import DISTANCE, GAP, LAW, by_node, force_of, slope, tensor, two, upper
+from terms.test_mesh_contact import DISTANCE, GAP, LAW, by_node, force_of, joined, slope, tensor, two, upper
 
 from skfem_stvk import (
     BackwardEuler,
@@ -26,7 +26,6 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.edges import TENSILE
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.terms.loads.load import Moment, StepStart
 
@@ -50,23 +49,20 @@ def pressed(friction=None, law=LAW, fixed=None, **options):
     return System(block, [law, contact], fixed), System(block, law, fixed)
 
 
+POLYGON = ElementMesh.of(tensor((0.1, 0.05), (6, 3), skfem.MeshTri))
+FLAT = StVK(young=3e4, poisson=0.3, density=1000.0, thickness=0.02)
+
+
+def pressed_on_a_polygon():
+    """Return a block in the plane above a rigid polygon."""
+    block = tensor((0.08, 0.05), (3, 2), skfem.MeshTri).translated((0.013, 0.05 + GAP))
+    contact = MeshContact(None, RigidMesh((POLYGON.p, POLYGON.surface)), distance=DISTANCE, name="die")
+    return System(block, [FLAT, contact])
+
+
 def rng(system, size=2e-4, seed=0):
     u, v = np.random.default_rng(seed).normal(size=(2, system.ndofs))
     return size * u, v / np.abs(v).max()
-
-
-def test_force_and_stiffness_are_derivatives():
-    system, without = pressed()
-    term, (u, v) = system.bound_terms[1], rng(system)
-    W, F = term.energy_and_force(by_node(u)), force_of(term, u)
-    assert W > 0 and slope(lambda s: term.energy_and_force(by_node(u + s * v))) == pytest.approx(F @ v, rel=1e-5)
-    K = system.tangent(u).toarray() - without.tangent(u).toarray()
-    change = slope(lambda s: force_of(term, u + s * v))
-    assert np.abs(K @ v - change).max() < 1e-5 * np.abs(change).max() and np.abs(K - K.T).max() < 1e-12 * np.abs(K).max()
-    assert np.abs(system.product(u, v) - system.tangent(u) @ v).max() < 1e-10 * np.abs(system.tangent(u) @ v).max()
-    assert np.abs(K @ np.tile([0, 0, 1.0], system.mesh.nv)).max() > 0.1 * np.abs(K).max()  # the surface does not follow
-    clamped = system.jacobian(u, kept=TENSILE).toarray() - without.jacobian(u, kept=TENSILE).toarray()
-    assert np.linalg.eigvalsh(clamped).min() > -1e-9 * np.abs(K).max() > np.linalg.eigvalsh(K).min()
 
 
 @pytest.mark.parametrize("friction", [None, Friction(0.4, slip_length=1e-4)])
@@ -183,8 +179,8 @@ def test_a_block_that_touches_it_is_held_along_its_normal():
     assert found.success and found.contact("die").resultant[2] == pytest.approx(0.08 * 0.07 * 0.05 * 9810, rel=1e-6)
 
 
-@pytest.mark.parametrize("friction", [None, Friction(0.3, slip_speed=0.05)])
-def test_a_resumed_run_and_a_restored_simulation_have_the_same_bits(tmp_path, friction):
+def test_a_run_is_resumed_with_the_same_surface_alone(tmp_path):
+    friction = Friction(0.3, slip_speed=0.05)
     system, _ = pressed(friction)
     options = {"v0": np.tile([0.1, 0, -0.5], system.mesh.nv), "quiet": True}
     whole = simulate(system, BackwardEuler(dt=1e-3), until=0.015, **options)
@@ -193,16 +189,6 @@ def test_a_resumed_run_and_a_restored_simulation_have_the_same_bits(tmp_path, fr
         pickle.loads(pickle.dumps(system)), BackwardEuler(dt=1e-3), until=0.015, checkpoint=tmp_path, resume=True, quiet=True
     )
     assert np.array_equal(again.u, whole.u) and np.array_equal(again.v, whole.v)
-    sim = Simulation(system, BackwardEuler(dt=1e-3), v0=options["v0"])
-    for _ in range(6):
-        sim.step()
-    saved, ends = sim.copy_state(), []
-    for _ in range(2):
-        for _ in range(4):
-            sim.step()
-        ends.append(sim.u.copy())
-        sim.restore(saved)
-    assert np.array_equal(*ends)
     p, t = die()
     mirrored = p * np.array([[-1], [1], [1]]), t[::-1]  # the coordinates have the same absolute values
     for other in (die((0, 0, -1e-3)), mirrored):
@@ -233,6 +219,40 @@ def test_elements_can_be_removed_while_the_body_touches():
     ledger = run.ledger
     assert len(run.system.removed) == len(corner) > 2 and ledger["contact die z"][:4].min() > 0
     assert np.abs(ledger["closure_error"]).max() < 1e-11 * ledger["kinetic_energy"][0]
+
+
+# Rigid polygons
+
+
+def test_forces_of_a_polygon_are_those_of_a_body_that_does_not_move():
+    one = pressed_on_a_polygon()
+    both = System(joined(POLYGON, one.mesh, (0.0, 0.0)), [one.terms[0], MeshContact("lower", "upper", distance=DISTANCE)])
+    u, _ = rng(one)
+    w = np.zeros((both.mesh.nv, 2))
+    w[upper(both)] = u.reshape(-1, 2)
+    F, G = (force_of(body.bound_terms[1], x).reshape(-1, 2) for body, x in ((one, u), (both, w)))
+    assert np.abs(F - G[upper(both)]).max() < 1e-11 * np.abs(F).max() > 0
+    run = simulate(one, EnergyMomentum(dt=1e-3), until=0.02, v0=np.tile([0.1, -0.5], one.mesh.nv), quiet=True)
+    assert np.abs(run.ledger["closure_error"]).max() < 1e-11 * run.ledger["kinetic_energy"][0]
+    assert run.v[1::2].mean() > 0.1 and run.ledger["contact die y"].max() > 0
+
+
+def test_the_side_of_a_polygon_is_on_the_right_of_its_segments():
+    block, p = tensor((0.1, 0.1), (2, 2), skfem.MeshTri), np.array([[-0.1, 0.2, 0.2, -0.1], [-0.1, -0.1, 0.2, 0.2]])
+    t = np.array([[0, 1, 2, 3], [1, 2, 3, 0]])
+    with pytest.raises(ContactError, match="inside the RigidMesh at the start"):
+        System(block, [FLAT, MeshContact(None, RigidMesh((p, t)), distance=1e-3)])
+    room = RigidMesh((p, t[::-1]))
+    assert room.closed and len(room.refined(0.1)[1]) == 16
+    law = StVK(young=3e5, poisson=0.3, density=1000.0, plane="strain")
+    body = System(block, [law, MeshContact(None, room, distance=1e-3, name="room")])
+    run = simulate(body, BackwardEuler(dt=5e-3), until=0.2, v0=np.tile([1.0, -2.0], body.mesh.nv), quiet=True)
+    x = body.mesh.p.T + run.u.reshape(-1, 2)
+    assert x.min() > -0.1 and x.max() < 0.2 and run.ledger["strain_energy MeshContact 1"].max() > 0
+    with pytest.warns(StvkWarning, match=r"2 segments \(0, 2\) of 3"):
+        RigidMesh((p, t[:, :3]))
+    with pytest.raises(ContactError, match=r"1 segment \(1\) of 4 without area"):
+        RigidMesh((p[:, [0, 1, 1, 3]], t))
 
 
 # The surface

@@ -12,8 +12,7 @@ from skfem_stvk import StateError, StVK, System, VolumePenalty
 from skfem_stvk.edges import Tensions
 from skfem_stvk.edges.elements import Quadrature
 from skfem_stvk.edges.pairs import ALL
-from skfem_stvk.mesh.points import base_vectors_at, determinants
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import base_vectors_at, determinants, rule_of
 from skfem_stvk.system.pattern import Pattern
 from skfem_stvk.terms import Body
 from skfem_stvk.terms.laws.volume_penalty import ENERGIES

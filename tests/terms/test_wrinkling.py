@@ -18,7 +18,6 @@ from skfem_stvk import (
     solve_static,
     verify,
 )
-from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
 from skfem_stvk.kernels import tension_fields as stvk
 from skfem_stvk.results import Fields
 
@@ -161,34 +160,6 @@ def test_energy_and_force_are_continuous_across_the_borders_and_the_tangent_jump
     assert np.abs(K - K1).max() > 0.05 * np.abs(K).max()
 
 
-def results(mesh, law):
-    body, noise, x = System(mesh, law), state(mesh), mesh.p.ravel("F")
-    found = {}
-    for name, u in {"moderate": 0.4 * noise, "pushed": 0.25 * noise - 0.3 * x}.items():
-        found[name, "W"], found[name, "F"] = body.energy_and_force(u)
-        for kept in (ALL, TENSILE, NONE, Tensions(0.3, 0.8)):
-            found[name, kept] = body.jacobian(u, kept=kept).toarray()
-        sizes, force = np.zeros((mesh.nv, mesh.d)), np.zeros((mesh.nv, mesh.d))
-        (term,) = body.bound_terms
-        term.add_round_off(u.reshape(-1, mesh.d), sizes)
-        found[name, "round-off"] = sizes
-        found[name, "R"] = term.mean_force(
-            u.reshape(-1, mesh.d), (u + 0.2 * noise[::-1]).reshape(-1, mesh.d), (0.3, 0.7), 0.4, force
-        )
-        found[name, "mean force"] = force
-    return found
-
-
-KINDS = {
-    "membrane": {},
-    "triangles": {"plane": "stress"},
-    "segments": {},
-    "cable": {},
-    "quadratic membrane": {},
-    "quadrilaterals": {"plane": "stress"},
-}
-
-
 def law_on(mesh, more, wrinkling=True):
     rng = np.random.default_rng(4)
     return StVK(young=rng.uniform(1, 9, mesh.nt), poisson=rng.uniform(-0.3, 0.45, mesh.nt), wrinkling=wrinkling, **more)
@@ -288,13 +259,6 @@ def test_the_abilities_of_a_tension_field():
     assert term.has_mean_force and not term.quartic and not term.damped
     assert term.smallest_stretch(-0.9 * MESHES["membrane"].p.T) == np.inf
     assert term.symmetric and term.balanced and term.has_energy
-
-
-def test_single_precision_is_that_of_double_rounded():
-    mesh = MESHES["membrane"]
-    u = 0.4 * state(mesh)
-    one, two = (System(mesh, law_on(mesh, {}), dtype=dtype).internal_force(u.astype(dtype)) for dtype in ("float32", "float64"))
-    assert one.dtype == np.float32 and np.abs(one - two).max() < 1e-5 * np.abs(two).max()
 
 
 def test_laws_without_relaxed_energy_are_refused():

@@ -7,7 +7,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from skfem_stvk import StVK, System
-from validation import stability
 from validation.stability import column, law, limit_points, post_buckling, snap_through
 
 # closed forms
@@ -116,12 +115,6 @@ def test_another_elastica_is_detected(monkeypatch):
 def test_another_law_is_detected(monkeypatch):
     monkeypatch.setattr(law, "CASES", [law.CASES[1]._replace(modulus=lambda nu: (1 + 1e-7) * law.confined(nu))])
     assert len(law.law().failures) == len(law.POISSON)
-
-
-def test_the_command_prints_the_requested_studies(capsys):
-    assert stability.main(quick=True, only=["snap-through", "law"]) == 0
-    out = capsys.readouterr().out
-    assert "all 2 claims hold" in out and "One bar" in out and "column" not in out
 
 
 def test_a_missing_limit_point_is_an_error():

@@ -17,13 +17,11 @@ from numpy.typing import NDArray
 from skfem_stvk.errors import StvkError, StvkWarning
 from skfem_stvk.mesh import ElementMesh
 from skfem_stvk.referee.checks.precision import Textbook, patch, relative_error
-from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.discretisation import Discretisation, Shape
 from skfem_stvk.referee.exact import ExactStVK
 from skfem_stvk.referee.implementations import METHODS
-from skfem_stvk.referee.peers import PEERS, load
-from skfem_stvk.referee.peers.peer import lame
+from skfem_stvk.referee.peers import PEERS, lame, load
 from skfem_stvk.referee.reference import ReferenceStVK, isotropic_tensor
-from skfem_stvk.referee.shape import Shape
 from skfem_stvk.system import System
 from skfem_stvk.terms import Corotated, EdgeNetwork, InvertibleStVK, LinearElastic, NeoHookean, SpringNetwork
 

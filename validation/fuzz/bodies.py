@@ -34,9 +34,8 @@ from skfem_stvk import (
     VolumePenalty,
 )
 from skfem_stvk.mesh.element import ELEMENTS
-from skfem_stvk.referee.discretisation import Discretisation
+from skfem_stvk.referee.discretisation import Discretisation, Shape
 from skfem_stvk.referee.judgement import Limits
-from skfem_stvk.referee.shape import Shape
 
 from .contacts import Touch, check_contact, check_refusal, contact_of, touches, two_bodies, with_touch
 

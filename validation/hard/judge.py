@@ -11,7 +11,7 @@ from scipy.sparse import csr_matrix, diags
 from scipy.sparse.linalg import splu, spsolve
 
 from skfem_stvk import System
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 
 from .case import Array, Truth
 

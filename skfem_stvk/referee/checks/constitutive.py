@@ -105,12 +105,9 @@ class LawChecks:
             "reason": reason,
         }
 
-    def _lower(self, quantity: str) -> str:
-        return "P" if quantity == "A" and "P" in self.has else "W"
-
     def _derivative(self, quantity: str, F: Array) -> tuple[Callable[[float], Array], Array]:
         """Return the function along a line whose derivative is tested, and the claimed derivative."""
-        lower, D = self._lower(quantity), self.along
+        lower, D = "P" if quantity == "A" and "P" in self.has else "W", self.along
         if quantity == "A" and lower == "W":
 
             def slope(s: float) -> Array:

@@ -26,10 +26,10 @@ import numpy as np
 from ...arguments import Array
 from ..bodies import reference_on
 from ..case import REFERENCE, Case
+from ..discretisation import boundary_nodes
 from ..implementations import Implementation
 from ..judgement import LIMIT_BY_ASPECT, by_node, of_whole_body
 from ..results import NotApplicable, Task
-from ..shape import boundary_nodes
 
 STRETCH, SHEAR = 1.15, 0.4
 #: Deformation gradient of an affine state without symmetry: stretch, shear and rotation combined.

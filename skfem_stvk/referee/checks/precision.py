@@ -22,14 +22,13 @@ from ...edges import EdgeForm
 from ...mesh import ElementMesh
 from ..bodies import Homogeneous, reference_on
 from ..case import EPS, OURS, REFERENCE, STRETCH, Case, built, random_rotation
-from ..discretisation import Discretisation, derivatives
+from ..discretisation import Discretisation, Shape, derivatives
 from ..exact import ExactStVK
 from ..implementations import METHODS, ContractViolation
 from ..judgement import HIGHEST, LIMIT_BY_ASPECT
 from ..reference import curved_elements
 from ..reference.kinds import middles
 from ..results import NotApplicable, Task
-from ..shape import Shape
 
 STRAINS = 10.0 ** -np.arange(1, 13)
 OFFSETS = (0.0, 1e3, 1e6)

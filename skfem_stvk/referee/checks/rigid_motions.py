@@ -21,10 +21,10 @@ from scipy.sparse.linalg import splu
 from ...arguments import Array
 from ...mesh import ElementMesh
 from ..case import EPS, STRETCH, Case, random_rotation
+from ..discretisation import facet_ids
 from ..implementations import Implementation
 from ..judgement import by_entry, by_node, largest_component, largest_rows, of_whole_body
 from ..results import CannotDecide, NotApplicable, Task
-from ..shape import facet_ids
 
 REASON = "1e-12 allows for round-off of moving the body by about its own size: 1e-14 on a hundred elements in a row"
 #: For a larger body, zero modes are checked on a piece of this size, with all other nodes constrained. A factorisation of 60 000

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
 
 from ...arguments import Array
-from .peer import lame, require
+from . import lame, require
 
 #: Function of a deformation gradient F (3, 3) that returns the energy per volume at rest [Pa], in the library's own arrays.
 Density = Callable[[Any], Any]

@@ -10,7 +10,7 @@ from scipy.sparse import bsr_matrix, csr_matrix
 
 from ...arguments import Array
 from ...errors import StvkError
-from .peer import PEERS, Reordering, lame, require
+from . import PEERS, Reordering, lame, require
 
 OPTIONS = {"cffi_extra_compile_args": ["-O3", "-march=native", "-ffast-math"]}
 

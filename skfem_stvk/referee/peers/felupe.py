@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ...arguments import Array
-from .peer import lame, require
+from . import lame, require
 
 
 class FElupe:

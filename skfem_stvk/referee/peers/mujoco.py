@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...arguments import Array
 from ...errors import StvkError
-from .peer import require
+from . import require
 
 
 class MuJoCo:

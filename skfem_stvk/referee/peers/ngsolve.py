@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_matrix
 
 from ...arguments import Array
-from .peer import Reordering, lame, require
+from . import Reordering, lame, require
 
 
 class NGSolve:

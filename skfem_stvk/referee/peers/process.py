@@ -147,11 +147,10 @@ class AnsweringProcess:
             return answer
         if too_long.is_set():
             raise NoAnswer(f"gave no answer within {seconds:g} s, and was ended", too_long=True)
-        raise NoAnswer(f"has ended, with {_end(self._process.wait())}: {self._last_words()}")
-
-    def _last_words(self) -> str:
+        end = _end(self._process.wait())
         self._listener.join(PATIENCE)
-        return " ".join(self._said.decode("utf-8", "replace").split())[-500:] or "it printed nothing"
+        last_words = " ".join(self._said.decode("utf-8", "replace").split())[-500:] or "it printed nothing"
+        raise NoAnswer(f"has ended, with {end}: {last_words}")
 
 
 def answer_questions(answer_to: Callable[[dict[str, Array]], dict[str, Array]]) -> None:

@@ -19,7 +19,6 @@ from ...errors import AnalysisError, StvkError, StvkWarning
 from ...terminal import BAD_INPUT, INTERRUPTED, console, printable, unfailing_output
 from . import budget, referee, scenes, warm_up
 from . import on_several_ranks as ranks
-from . import write_partition as partition
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -110,7 +109,7 @@ COMMANDS = {
         to_files=True,
     ),
     "partition": Command(
-        partition.partition, "divide a mesh for ranks of MPI, into one file", partition.add_arguments, to_files=True
+        ranks.partition, "divide a mesh for ranks of MPI, into one file", ranks.partition_arguments, to_files=True
     ),
     "verify": Command(referee.check, "check W, F and K against scikit-fem's on a mesh", referee.verify_arguments),
     "verify-law": Command(

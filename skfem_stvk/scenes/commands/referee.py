@@ -23,8 +23,7 @@ from ...referee.law_readings import MEASURES, ORDERS, TANGENTS
 from ...referee.peers import PEERS
 from ...referee.peers.library import ROLES
 from ...referee.read_back import folders_of_results, verify_results
-from ...referee.rendering import rendered
-from ...referee.report import Report
+from ...referee.report import Report, rendered
 from ...referee.self_test import self_test
 from ...referee.vectors import PUBLISHED, export_vectors, published_vectors
 from ...referee.verification import verify

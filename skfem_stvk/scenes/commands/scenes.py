@@ -45,12 +45,6 @@ OPTIONAL = {
 }
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
-    """Add the arguments of all commands that take a scene."""
-    parser.add_argument("scene", help="scene file (.toml)")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value, such as analysis.dt=1e-5")
-
-
 def init_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk init`."""
     what = parser.add_mutually_exclusive_group(required=True)
@@ -68,7 +62,8 @@ def init(options: argparse.Namespace) -> int:
 
 def solve_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the arguments of `skfem-stvk solve`."""
-    add_scene(parser)
+    parser.add_argument("scene", help="scene file (.toml)")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="replace a value, such as analysis.dt=1e-5")
     parser.add_argument("--out", metavar="FOLDER", help="folder of results; by default next to the scene, with its name")
     parser.add_argument("--resume", action="store_true", help="continue from the checkpoint in the folder of results")
     parser.add_argument("--force", action="store_true", help="replace the results of another run")

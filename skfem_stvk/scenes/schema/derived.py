@@ -12,7 +12,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args, get_origin, get_
 from pydantic import Field, Tag, create_model
 
 from ...arguments import Quantity
-from ...terms.loads.friction import Friction
+from ...terms.loads.contact import Friction
 from ...terms.loads.rigid_mesh import RigidMesh
 from ...terms.loads.rigid_shapes import SHAPES
 from .places import PlaceOrName, Region, Simplices, place_or

@@ -14,8 +14,7 @@ from ...terms import TERMS
 from ...units import UNITS, implausible_moduli
 from .analyses import ReducedBasis, Solver, analyses
 from .derived import one_of
-from .mesh_keys import Mesh
-from .places import Place, PlaceOrName
+from .places import Mesh, Place, PlaceOrName
 from .quantities import Components, InputFile, Name, Part, key
 from .terms import Time, material_tables, term_tables
 

@@ -316,8 +316,9 @@ def read_archive(
     Raises ForeignFile, with the remedy, if it is incomplete or was not written here.
     """
     try:
-        text, digest, arrays = _unpacked(path, only_header)
-        header = json.loads(text)
+        named = arrays_of(path, lambda name: name in ("header", "digest") or (name.startswith(ARRAY) and not only_header))
+        text, digest = str(named.pop("header")), str(named.pop("digest"))
+        header, arrays = json.loads(text), {name.removeprefix(ARRAY): array for name, array in named.items()}
         _check_known(header, known)
         if not only_header and digest != digest_of(text, arrays):
             raise ForeignFile("was changed after it was written.")
@@ -344,13 +345,6 @@ def refusing_damage(file: Path, remedy: str) -> Iterator[None]:
         raise
     except (ValueError, KeyError) as error:
         raise ForeignFile(f"{file} is damaged: {_in_words(error)}. {remedy}") from None
-
-
-def _unpacked(path: Path, only_header: bool) -> tuple[str, str, dict[str, Array]]:
-    """Return header, digest and arrays of the file."""
-    named = arrays_of(path, lambda name: name in ("header", "digest") or (name.startswith(ARRAY) and not only_header))
-    text, digest = str(named.pop("header")), str(named.pop("digest"))
-    return text, digest, {name.removeprefix(ARRAY): array for name, array in named.items()}
 
 
 def digest_of(header: str, arrays: Mapping[str, Array]) -> str:

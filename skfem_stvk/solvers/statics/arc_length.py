@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 import numpy as np
@@ -12,9 +12,8 @@ from ...npz import Count
 from ..newton.newton import End, Iterations
 from .continuation import SMALLEST, Continuation, ContinuationOptions, ContinuationState
 from .critical import CriticalPoint, Point, find, turning_point
-from .equilibrium import Equilibrium
+from .equilibrium import Equilibrium, Hyperplane, PathTangent, correct, path_tangent
 from .history import Attempt, Step
-from .predictor_corrector import Hyperplane, PathTangent, correct, path_tangent
 from .stop import StopCriterion
 
 #: Number of iterations for which the step size is right; largest growth factor of the step size.
@@ -34,14 +33,14 @@ LARGEST_RATIO, TINY = 100.0, 1e-15
 BEYOND = 1e-6
 
 
-@dataclass(frozen=True)
+@dataclass
 class ArcLengthState(ContinuationState):
-    """Data from which a path by arc length resumes."""
+    """Data for the next step by arc length."""
 
-    turns: Count  # number of limit points so far
-    states: Count  # number of states so far
-    rate: float  # rate of the load factor along the path; 0 before the first step
-    goal: list[list[float]]  # numbers that identify the stop
+    turns: Count = 0  # number of limit points so far
+    states: Count = 0  # number of states so far
+    rate: float = 0.0  # rate of the load factor along the path; 0 before the first step
+    goal: list[list[float]] = field(default_factory=list)  # numbers that identify the stop
 
 
 class ArcLength(Continuation):
@@ -55,33 +54,29 @@ class ArcLength(Continuation):
     """
 
     name: ClassVar[str] = "arc-length"
+    next: ArcLengthState
 
     def __init__(self, problem: Equilibrium, u0: Array, t0: float, options: ContinuationOptions, stop: StopCriterion) -> None:
         super().__init__(problem, u0, t0, options)
         self._stop = stop
-        self._first_load, self._first, self._size = options.first, 0.0, 0.0
+        self.next = ArcLengthState(size=0.0, first=0.0, goal=stop.saved())
+        self._first_load, self._initial = options.first, u0
         self._tangent: PathTangent | None = None
-        self._limit_points = self._states = 0
-        self._initial = self.u
-
-    def saved(self) -> ArcLengthState:
-        rate = 0.0 if self._tangent is None else self._tangent.rate
-        return ArcLengthState(*self._state, self._limit_points, self._states, rate, self._stop.saved())
 
     def resume(self, steps: list[Step], saved: ArcLengthState) -> None:
         start = self.u, self.t
         super().resume(steps, saved)
-        self._limit_points, self._states = saved.turns, saved.states
-        if saved.goal != self._stop.saved():
+        self.next.goal = self._stop.saved()
+        if saved.goal != self.next.goal:
             self._stop.refuse_passed(*start, steps)
-            self.reached = self._stop.is_count_reached(self._limit_points, self._states)
+            self.next.reached = self._stop.is_count_reached(saved.turns, saved.states)
         found = path_tangent(self.problem, self.u, self.t)
         if saved.rate and isinstance(found, PathTangent):
-            self._tangent = found if found.rate * saved.rate > 0 else found.reversed()
+            self._set_tangent(found if found.rate * saved.rate > 0 else found.reversed())
 
     def _begin(self) -> Step | Attempt | None:
         outcome = super()._begin()
-        self._states = int(isinstance(outcome, Step))
+        self.next.states = int(isinstance(outcome, Step))
         return outcome
 
     def _start(self, t: float) -> Array:
@@ -94,26 +89,27 @@ class ArcLength(Continuation):
                 self._failed = True
                 return Attempt(self.t, End.NO_DESCENT, Iterations(residuals=[], detail=found))
             self._choose_direction(found)
-        if self._size < SMALLEST * self._first or self._stop.is_limit_reached(self._states):
+        if self.next.size < SMALLEST * self.next.first or self._stop.is_limit_reached(self.next.states):
             return None
         outcome = self._attempt()
         if isinstance(outcome, Attempt):
-            self._size /= 2
+            self.next.size /= 2
         return outcome
 
     def _choose_direction(self, found: PathTangent) -> None:
         """Set the first tangent and the first step size, which corresponds to the first part of the load."""
-        self._first = self._size = self._first_load / found.rate
+        self.next.first = self.next.size = self._first_load / found.rate
         ahead = self._stop.sign_towards(self.u, self.t, found.direction, found.rate)
-        self._tangent = found if ahead > 0 else found.reversed()
+        self._set_tangent(found if ahead > 0 else found.reversed())
+
+    def _set_tangent(self, tangent: PathTangent) -> None:
+        self._tangent, self.next.rate = tangent, tangent.rate
 
     def _attempt(self) -> Step | Attempt:
-        problem, tangent, length = self.problem, self._tangent, self._size
+        problem, tangent, length, plan = self.problem, self._tangent, self.next.size, self.next
         assert tangent is not None
         u = self.u + length * tangent.direction
-        offset = (
-            problem.states.dot(tangent.direction, self.u) + length
-        )  # offset of the plane orthogonal to the path, along the tangent
+        offset = problem.states.dot(tangent.direction, self.u) + length  # of the plane orthogonal to the path, along the tangent
         found = self._correct(u, self.t + length * tangent.rate, Hyperplane(tangent.direction, 0.0, offset, length))
         if isinstance(found, Attempt):
             return found
@@ -121,7 +117,7 @@ class ArcLength(Continuation):
         predicted = abs(length * tangent.rate)
         if abs(t - self.t) > LARGEST_RATIO * max(predicted, self._first_load):
             if predicted > TINY * self._first_load:
-                self._first = min(self._first, length / 2)
+                plan.first = min(plan.first, length / 2)
             return Attempt(t, End.TOO_SHARP, record)
         ahead = path_tangent(problem, u, t)
         on_level = False
@@ -143,12 +139,13 @@ class ArcLength(Continuation):
         if cosine < SHARPEST:
             return Attempt(t, End.TOO_SHARP, record)
         reverses = ahead.rate * tangent.rate < 0
-        point = Point(u, t, ahead.negative, None)
+        point = Point(u, t, ahead.negative)
         critical = () if self._point is None else find(problem, self._point, point, reverses, self._rtol)
-        if self._size > SMALLEST_UNSURE * self._first and self._left_the_path(point, critical):
+        if plan.size > SMALLEST_UNSURE * plan.first and self._left_the_path(point, critical):
             return Attempt(t, End.TOO_SHARP, record)
-        self._tangent, self._limit_points, self._states = ahead, self._limit_points + reverses, self._states + 1
-        self.reached = on_level or self._stop.is_count_reached(self._limit_points, self._states)
+        self._set_tangent(ahead)
+        plan.turns, plan.states = plan.turns + reverses, plan.states + 1
+        plan.reached = on_level or self._stop.is_count_reached(plan.turns, plan.states)
         self._adapt(len(record), cosine)
         record.negative_pivots = ahead.negative
         return self._accept(t, u, end, record, critical)
@@ -171,7 +168,7 @@ class ArcLength(Continuation):
         """
         ends, begin = [(u, t)], (self.u, self.t)
         if reverses and self._stop.has_levels:
-            top = turning_point(self.problem, Point(*begin, None, None), Point(u, t, None, None), self._rtol)
+            top = turning_point(self.problem, Point(*begin), Point(u, t), self._rtol)
             if top is None:
                 return Attempt(t, End.TOO_SHARP, Iterations(residuals=[]))
             ends.insert(0, top)
@@ -205,5 +202,5 @@ class ArcLength(Continuation):
         if cosine < SHARP:
             factor = min(factor, 1 / GROWTH)
         part = PARTS * self._first_load * self.problem.states.norm(self.u - self._initial)
-        longest, shortest = max(LARGEST * self._first, part), SMALLEST * self._first  # only failed attempts end the path
-        self._size = max(min(factor * self._size, longest), shortest)
+        longest, shortest = max(LARGEST * self.next.first, part), SMALLEST * self.next.first  # only failed attempts end the path
+        self.next.size = max(min(factor * self.next.size, longest), shortest)

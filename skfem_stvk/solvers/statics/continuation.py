@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 from typing import Annotated, Any, ClassVar
@@ -14,10 +14,9 @@ from ...mesh.displacements import by_vertex
 from ...npz import Within
 from ...results.monitors import Monitors
 from ...results.penetration import contact_findings_at
-from ..newton.eigen import lowest_mode
 from ..newton.newton import End, Iterations, NewtonOptions, newton
 from ..newton.outcome import Status
-from ..newton.stability import stability_of
+from ..newton.stability import lowest_mode, stability_of
 from .critical import CriticalPoint, Point, find
 from .equilibrium import Equilibrium
 from .history import Attempt, Step
@@ -37,28 +36,26 @@ class ContinuationOptions:
     iterating: Callable[[float, Iterations], None]  # called at the beginning of each iteration
 
 
-@dataclass(frozen=True)
+@dataclass
 class ContinuationState:
-    """Data from which a later run resumes, in addition to its states."""
+    """Data for the next step of a continuation, from which a later run resumes in addition to its states."""
 
     size: Annotated[float, Within(0.0)]  # the next step, in the measure of the method
     first: Annotated[float, Within(0.0)]  # the first step
-    reached: bool  # whether the requested end is reached
-    largest: Annotated[float, Within(0.0)]  # the largest reference force so far
+    reached: bool = False  # whether the requested end is reached
+    largest: Annotated[float, Within(0.0)] = 0.0  # the largest reference force so far
 
 
 class Continuation(ABC):
-    """Continuation from the state `u0` at `t0`.
-
-    `t` and `u` are the last state. `reached` says whether the requested end is reached.
-    """
+    """Continuation from the state `u0` at `t0`. `t` and `u` are the last state, `next` the data for the next step."""
 
     name: ClassVar[str]
 
+    next: ContinuationState
+
     def __init__(self, problem: Equilibrium, u0: Array, t0: float, options: ContinuationOptions) -> None:
         self.problem, self._options, self._rtol = problem, options, options.rtol
-        self.t, self.u, self.reached = t0, u0, False
-        self._first = self._size = 0.0  # step sizes, in the measure of the method
+        self.t, self.u = t0, u0
         self._failed, self._clock = False, perf_counter()
         self._allowed = len(problem.inside_out(u0))
         self._point: Point | None = None  # user-supplied displacements may not be a state of the path
@@ -86,7 +83,7 @@ class Continuation(ABC):
                 yield outcome
                 self._reset_reference_force()
         body = self.problem.body
-        while not self._failed and not self.reached:
+        while not self._failed and not self.next.reached:
             history = self.history
             self.problem.begin_step(body.advanced(history, self.u, self.problem.moment(self.t)))
             outcome = self._advance()
@@ -131,20 +128,14 @@ class Continuation(ABC):
     def _advance(self) -> Step | Attempt | None:
         """Return the next state, or a failed attempt, which changes no state; None if there is nothing left to try."""
 
-    @property
-    def _state(self) -> tuple[float, float, bool, float]:
-        """Values of a `ContinuationState`."""
-        return self._size, self._first, self.reached, self.problem.largest
-
-    @abstractmethod
     def saved(self) -> ContinuationState:
         """Return the data from which a later run resumes, in addition to its states."""
+        return replace(self.next, largest=self.problem.largest)
 
     def resume(self, steps: list[Step], saved: Any) -> None:
         """Resume from the states and the saved data of an earlier run with the same method."""
         last, t0 = steps[-1], self.t
-        self._size, self._first, self.problem.largest = saved.size, saved.first, saved.largest
-        self.reached, self.t, self.u = saved.reached, last.t, last.u
+        self.next, self.problem.largest, self.t, self.u = replace(saved), saved.largest, last.t, last.u
         self._allowed = len(self.problem.inside_out(self.u))
         self._point = Point(self.u, last.t, last.negative, last.lowest)
         if len(steps) == 1 and last.t == t0:
@@ -158,17 +149,12 @@ class Continuation(ABC):
         u, end, record = newton(self.problem, start, t, NewtonOptions(self._rtol, self._allowed, full_first, watch))
         if not end.converged:
             return Attempt(t, end, record)
-        if passed := self._passed_shape(u, t):
-            record.detail = f"{passed!r}"
-            return Attempt(t, End.CONTACT, record)
-        return u, end, record
-
-    def _passed_shape(self, u: Array, t: float) -> str:
-        """Return the name of a contact whose moving shape is passed on the way from the last state; "" if there is none."""
         system = self.problem.system
-        ends = [by_vertex(system.mesh, state) for state in (self.u, u)] if system.contacts else []
-        contacts = system.contacts_at(self.problem.moment(t))
-        return next((one.name for one in contacts if one.shape is not None and one.passes(*ends)), "")
+        for contact in system.contacts_at(self.problem.moment(t)) if system.contacts else ():
+            if contact.shape is not None and contact.passes(*(by_vertex(system.mesh, state) for state in (self.u, u))):
+                record.detail = f"{contact.name!r}"  # its moving shape is passed on the way from the last state
+                return Attempt(t, End.CONTACT, record)
+        return u, end, record
 
     def _blocked(self, u: Array, t: float, record: Iterations) -> Attempt | None:
         """Return a failed attempt if `u` has more inverted elements than allowed, or cannot be reached on a straight line."""

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Annotated, overload
+from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 
 from ...arguments import Array
 from ...npz import Measured, Vector, Within
 from ...results.monitors import Finding
+from ...space import ONE_PROCESS, Communicator
 from ..newton.newton import End, Iterations
 from ..newton.outcome import Status
 from .critical import CriticalPoint
@@ -84,13 +84,9 @@ class Step:
         """Whether the state is far from the extrapolated one, see `jump`."""
         return self.jump is not None and self.jump > JUMPED
 
-    @property
-    def largest(self) -> float:
-        """The largest absolute value in `u`."""
-        return float(np.abs(self.u).max())
-
-    def line(self, largest: float) -> str:
-        """Return a line on the step, with the `largest` absolute value in `u`, which may be on another rank."""
+    def line(self, comm: Communicator) -> str:
+        """Return a line on the step of a body whose parts communicate by `comm`."""
+        largest = comm.most(float(np.abs(self.u).max()))
         return (
             f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   residual {self.iterations.residuals[-1]:.1e}   largest |u_i| "
             f"{largest:.4g}   {self.seconds:.2g} s"
@@ -99,7 +95,7 @@ class Step:
         )
 
     def __str__(self) -> str:
-        return self.line(self.largest)
+        return self.line(ONE_PROCESS)
 
     __repr__ = __str__
 
@@ -117,7 +113,7 @@ class Attempt:
         return f"t {self.t:<9.4g} {len(self.iterations):>3} iterations   failed: {self.end.value}{detail}"
 
 
-class History(Sequence[Step]):
+class History(list[Step]):
     """Steps of a path, in order.
 
     Attributes
@@ -129,60 +125,42 @@ class History(Sequence[Step]):
     """
 
     def __init__(self) -> None:
-        self._steps: list[Step] = []
+        super().__init__()
         self.attempts: list[Attempt] = []
         self.ends_in_failure = False
 
-    def append(self, outcome: Step | Attempt) -> None:
+    def record(self, outcome: Step | Attempt) -> None:
+        """Append a step, or a failed attempt to `attempts`."""
         self.ends_in_failure = isinstance(outcome, Attempt)
         if isinstance(outcome, Step):
-            self._steps.append(outcome)
+            self.append(outcome)
         else:
             self.attempts.append(outcome)
-
-    def set_last_status(self, status: Status) -> None:
-        """Set the final status of the last state, after the end of the solve."""
-        self._steps[-1] = replace(self._steps[-1], status=status)
-
-    def add_findings(self, findings: Iterable[Finding]) -> None:
-        """Add findings on the whole path to its last state."""
-        last = self._steps[-1]
-        self._steps[-1] = replace(last, findings=(*last.findings, *findings))
-
-    @overload
-    def __getitem__(self, i: int) -> Step: ...
-    @overload
-    def __getitem__(self, i: slice) -> list[Step]: ...
-    def __getitem__(self, i: int | slice) -> Step | list[Step]:
-        return self._steps[i]
-
-    def __len__(self) -> int:
-        return len(self._steps)
 
     @property
     def t(self) -> Array:
         """(n,) load factors."""
-        return np.array([step.t for step in self._steps])
+        return np.array([step.t for step in self])
 
     @property
     def u(self) -> Array:
         """(n, ndofs) displacements [m]."""
-        return np.array([step.u for step in self._steps])
+        return np.array([step.u for step in self])
 
     @property
     def critical_points(self) -> tuple[CriticalPoint, ...]:
         """Limit points and bifurcations on the path, in order."""
-        return tuple(point for step in self._steps for point in step.critical)
+        return tuple(point for step in self for point in step.critical)
 
     @property
     def jumps(self) -> tuple[Step, ...]:
         """States before which the body snapped or buckled, see `Step.jump`."""
-        return tuple(step for step in self._steps if step.jumped)
+        return tuple(step for step in self if step.jumped)
 
     @property
     def iterations(self) -> int:
         """Total number of iterations of Newton's method, including failed attempts."""
-        return sum(len(step.iterations) for step in self._steps) + sum(len(attempt.iterations) for attempt in self.attempts)
+        return sum(len(step.iterations) for step in self) + sum(len(attempt.iterations) for attempt in self.attempts)
 
     def __repr__(self) -> str:
-        return "\n".join(map(str, self._steps))
+        return "\n".join(map(str, self))

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from ...arguments import Array
 from ...errors import StateError
-from ..newton.eigen import lowest_mode
 from ..newton.newton import MOST_FULL, End, Iterations, NewtonOptions, newton, usable
 from ..newton.problem import Tangent
-from ..newton.stability import stability_of
+from ..newton.stability import lowest_mode, stability_of
 from .continuation import SMALLEST, Continuation, ContinuationOptions, ContinuationState
+from .critical import Point
 from .equilibrium import Equilibrium
 from .history import JUMPED, Attempt, Step
 
@@ -38,12 +38,12 @@ SETTLED = (
 MOST_HALVINGS, MOST_SOLVES = 6, 16
 
 
-@dataclass(frozen=True)
+@dataclass
 class LoadStepsState(ContinuationState):
-    """Data from which load steps resume."""
+    """Data for the next load step."""
 
-    straight: bool  # whether the next step starts from an extrapolation
-    full_first: bool  # whether it tries full steps of Newton's method first
+    straight: bool = False  # whether it starts from the extrapolation of the last two states
+    full_first: bool = True  # whether it tries full steps of Newton's method first
 
 
 class LoadSteps(Continuation):
@@ -54,33 +54,28 @@ class LoadSteps(Continuation):
     """
 
     name: ClassVar[str] = "load-steps"
+    next: LoadStepsState
 
     def __init__(self, problem: Equilibrium, u0: Array, t0: float, options: ContinuationOptions) -> None:
         super().__init__(problem, u0, t0, options)
-        self._first = self._size = options.first
-        self._previous: tuple[float, Array] | None = None
-        self._full_first = True
-
-    def saved(self) -> LoadStepsState:
-        return LoadStepsState(*self._state, self._previous is not None, self._full_first)
+        self.next = LoadStepsState(size=options.first, first=options.first)
+        self._previous = Point(u0, t0)
 
     def resume(self, steps: list[Step], saved: LoadStepsState) -> None:
-        start = self.t, self.u
+        start = Point(self.u, self.t)
         super().resume(steps, saved)
-        self._full_first = saved.full_first
-        before = (steps[-2].t, steps[-2].u) if len(steps) > 1 else start
-        self._previous = before if saved.straight else None
+        self._previous = Point(steps[-2].u, steps[-2].t) if len(steps) > 1 else start
 
     def _advance(self) -> Step | Attempt | None:
-        if self._size < SMALLEST * self._first:
+        plan = self.next
+        if plan.size < SMALLEST * plan.first:
             return None
-        t = self.t + self._size if self.t + 1.001 * self._size < 1 else 1.0
-        self._size = t - self.t
+        t = self.t + plan.size if self.t + 1.001 * plan.size < 1 else 1.0
+        plan.size = t - self.t
         start, extrapolated = self._start(t), self._extrapolated(t)
-        found = self._newton(start, t, self._full_first)
+        found = self._newton(start, t, plan.full_first)
         if isinstance(found, Attempt):
-            self._previous, self._full_first = None, True
-            self._size /= 2
+            plan.straight, plan.full_first, plan.size = False, True, plan.size / 2
             return found
         u, end, record = found
         jump = (
@@ -89,14 +84,14 @@ class LoadSteps(Continuation):
             else self.problem.states.norm(u - extrapolated) / self.problem.states.norm(extrapolated - self.u)
         )
         if jump is None or jump > FAR:
-            detected = JumpDetector(self.problem, self._equilibrium).jump(PathState(self.t, self.u), PathState(t, u))
+            detected = JumpDetector(self.problem, self._equilibrium).jump(Point(self.u, self.t), Point(u, t))
             jump = detected if detected is not None or (jump or 0.0) > JUMPED else jump
-        self._full_first = record.restarted is None and len(record) <= MOST_FULL
-        self._previous = self.t, self.u
+        plan.full_first = record.restarted is None and len(record) <= MOST_FULL
+        plan.straight, self._previous = True, Point(self.u, self.t)
         if len(record) <= FEW:
-            self._size = min(GROWTH * self._size, LARGEST * self._first)
-        self.reached = t == 1
-        if self.reached:
+            plan.size = min(GROWTH * plan.size, LARGEST * plan.first)
+        plan.reached = t == 1
+        if plan.reached and self.problem.system.contacts:
             u, end, record = self._settled(t, u) or found
         return self._accept(t, u, end, record, jump=jump)
 
@@ -108,7 +103,7 @@ class LoadSteps(Continuation):
         must lead to such a state.
         """
         problem, mesh = self.problem, self.problem.system.mesh
-        distance = min((contact.distance for contact in problem.system.contacts), default=np.inf)
+        distance = min(contact.distance for contact in problem.system.contacts)
         if np.isinf(distance) or stability_of(problem, u, t).stable:
             return None
         mode, states = lowest_mode(problem, u, t).vector, []
@@ -123,7 +118,7 @@ class LoadSteps(Continuation):
             states.append(found)
         return states[0]
 
-    def _equilibrium(self, before: PathState, start: Array, t: float) -> Array | None:
+    def _equilibrium(self, before: Point, start: Array, t: float) -> Array | None:
         """Find the state at `t` after the state `before`, to the precision needed to detect a jump; None if it is not found."""
         if len(self.problem.inside_out(start)) > self._allowed or not self.problem.way_is_free(before.u, start, before.t):
             start = self.problem.body.prescribe(before.u.copy(), t)
@@ -131,11 +126,11 @@ class LoadSteps(Continuation):
         return u if end.converged else None
 
     def _extrapolated(self, t: float) -> Array | None:
-        """Extrapolate the last two states to `t`; None if they are equal."""
-        if self._previous is None or not self.problem.states.comm.any(not np.array_equal(self.u, self._previous[1])):
+        """Extrapolate the last two states to `t`; None if they are equal, or after a failed step."""
+        before = self._previous
+        if not self.next.straight or not self.problem.states.comm.any(not np.array_equal(self.u, before.u)):
             return None
-        t_before, u_before = self._previous
-        return self.u + (t - self.t) / (self.t - t_before) * (self.u - u_before)
+        return self.u + (t - self.t) / (self.t - before.t) * (self.u - before.u)
 
     def _start(self, t: float) -> Array:
         u = self._extrapolated(t)
@@ -158,16 +153,9 @@ class LoadSteps(Continuation):
         return self.u + move
 
 
-class PathState(NamedTuple):
-    """Equilibrium on the path: load factor and displacements (ndofs,)."""
-
-    t: float
-    u: Array
-
-
 #: Function that finds the equilibrium at a load factor, from a state before it and a starting point near it; it returns None on
 #: failure.
-Solve = Callable[[PathState, Array, float], "Array | None"]
+Solve = Callable[[Point, Array, float], "Array | None"]
 
 
 class JumpDetector:
@@ -181,7 +169,7 @@ class JumpDetector:
     def __init__(self, problem: Equilibrium, solve: Solve) -> None:
         self._problem, self._solve, self._remaining = problem, solve, MOST_SOLVES
 
-    def jump(self, before: PathState, after: PathState) -> float | None:
+    def jump(self, before: Point, after: Point) -> float | None:
         """Return the size of the jump, as in `Step.jump`; None if no jump is found."""
         if self._is_straight(before, after):
             return None
@@ -190,7 +178,7 @@ class JumpDetector:
         except StateError:
             return None
 
-    def _is_straight(self, before: PathState, after: PathState) -> bool:
+    def _is_straight(self, before: Point, after: Point) -> bool:
         """Return whether the elastic force along the straight line between the states, a cubic, is nearly linear.
 
         Then the load never had to decrease.
@@ -201,7 +189,7 @@ class JumpDetector:
         c = body.energy_along(before.u, after.u - before.u)
         return bool(0.75 * abs(c[3]) + 1.54 * abs(c[4]) <= STRAIGHT * abs(2 * c[2] + 3 * c[3] + 4 * c[4]))
 
-    def _jump(self, before: PathState, after: PathState, halvings: int, largest: float = 0.0) -> float | None:
+    def _jump(self, before: Point, after: Point, halvings: int, largest: float = 0.0) -> float | None:
         """Return the size of the jump as in `jump`, by recursive halving.
 
         `largest` is the largest prediction error over the longer parts that contain this part.
@@ -219,18 +207,18 @@ class JumpDetector:
         first = self._jump(before, middle, halvings - 1, largest)
         return self._jump(middle, after, halvings - 1, largest) if first is None else first
 
-    def _predicts_before(self, before: PathState, after: PathState) -> bool:
+    def _predicts_before(self, before: Point, after: Point) -> bool:
         backward = self._tangent_response(after, before.t)
         norm = self._problem.states.norm
         return backward is not None and norm(before.u - after.u - backward) <= NEAR * norm(backward)
 
-    def _middle(self, before: PathState, after: PathState, forward: Array) -> PathState | None:
+    def _middle(self, before: Point, after: Point, forward: Array) -> Point | None:
         self._remaining -= 1
         t = (before.t + after.t) / 2
         u = self._solve(before, self._problem.body.prescribe(before.u + forward / 2, t), t)
-        return None if u is None else PathState(t, u)
+        return None if u is None else Point(u, t)
 
-    def _tangent_response(self, state: PathState, t: float) -> Array | None:
+    def _tangent_response(self, state: Point, t: float) -> Array | None:
         """Return the tangent's response (ndofs,) at a state to loads and supports at `t`; None if the solve fails."""
         problem = self._problem
         factors = problem.factorise(state.u, state.t)

@@ -10,10 +10,9 @@ from ...arguments import Array
 from ...errors import StateError, name_ids
 from ...results.monitors import point_of
 from ...system import System
-from ..newton.eigen import lowest_mode, nearest_mode
 from ..newton.newton import End
 from ..newton.outcome import Status
-from ..newton.stability import Verdict
+from ..newton.stability import Verdict, lowest_mode, nearest_mode
 from .arc_length import ArcLength
 from .equilibrium import Equilibrium
 from .history import History

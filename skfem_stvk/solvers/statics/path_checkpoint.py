@@ -19,7 +19,6 @@ from ..newton.outcome import Status
 from ..runs.archive import STRICT, FolderStore, refusing_damage, remove_file
 from ..runs.outputs import OutputFiles
 from .arc_length import ArcLengthState
-from .continuation import ContinuationState
 from .equilibrium import SMALLEST_SCALE
 from .history import Step
 from .load_steps import LARGEST, LoadSteps, LoadStepsState
@@ -63,7 +62,7 @@ class PathCheckpoint(FolderStore[SavedStep]):
         self._old_files: list[Path] = []
         self.steps: list[Step] = []
         self.histories: list[tuple[Array, ...]] = []  # of the terms at the beginning of each step
-        self.saved: ContinuationState | None = None
+        self.saved: Any = None  # the data for the next step after `steps`
 
     def opened(self) -> None:
         files = self.existing()

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from rich.progress import BarColumn, TimeElapsedColumn
 
 from ...arguments import Array, choice, flag, number, shown, whole
 from ...errors import LoadError, StvkError, warn
@@ -23,24 +24,28 @@ from ...system.coordinates import Coordinates
 from ...system.divided import parts_line, refuse_divided
 from ...system.free_tangent import solver_for
 from ...system.protocol import ReducedLike, checked_system
-from ...system.signature import AUTO, sums_of
+from ...system.signature import AUTO, Fingerprint, sums_of
 from ...system.system import for_analysis
+from ...terminal import Progress
 from ...units import remarks
+from ..newton.newton import Iterations
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested
 from ..newton.stability import Verdict, stability_of
 from ..newton.stopwatch import Stopwatch
-from ..runs.outputs import OutputFiles
+from ..runs.outputs import OutputFiles, StateSeries
 from .arc_length import ArcLength
 from .continuation import Continuation, ContinuationOptions
 from .equilibrium import Equilibrium
 from .history import Attempt, History, Step
 from .load_steps import LoadSteps
 from .message import Ending, branch_end, reason
-from .path_outputs import PathOutputs, PathProgress
+from .path_checkpoint import PathCheckpoint
 from .result import SolveError, StaticResult
 from .stop import Stop, StopCriterion
 
 METHODS = (LoadSteps.name, ArcLength.name)
+#: Load factors at which loads and prescribed displacements are evaluated to identify a problem.
+MOMENTS = 0.5, 1.0
 
 
 def solve_static(
@@ -260,9 +265,9 @@ class _Solve:
 
     def __init__(self, body: System | Coordinates, u0: ArrayLike | None, options: StaticOptions) -> None:
         self._system = system = body.system if isinstance(body, Coordinates) else body
-        self._options, self._watch, self._history = options, Stopwatch(), History()
+        self._options, self._watch, self._history, self._t0 = options, Stopwatch(), History(), float(options.t0)
         solver = options.solver_for(body)
-        self._start = _start(system, u0, float(options.t0))
+        self._start = _start(system, u0, self._t0)
         self._problem = Equilibrium(body, solver, self._watch)
         self._requested_solver = self._problem.tangent.solver.name
         self._verdict, self._branch = Verdict(True, None), ""
@@ -270,30 +275,22 @@ class _Solve:
 
     def result(self) -> StaticResult:
         """Return the result, or raise the error that replaces it."""
-        options, history, problem, body = self._options, self._history, self._problem, self._problem.body
-        solver, space = header_text(problem.tangent.solver, problem.space.comm.divided), self._system.space
-        header = f"{body!r}, {problem.space.count} of them free; {solver}{parts_line(self._system.mesh)}{remarks(self._system)}"
-        start = {"u0": sums_of(self._start, space)} | ({"the basis": body.signature} if isinstance(body, Coordinates) else {})
-        signed = AUTO if problem.space.comm.divided and is_auto(options.solver) else self._requested_solver
+        options, history, problem, space = self._options, self._history, self._problem, self._system.space
         with ExitStack() as stack:
-            outputs = PathOutputs(options.output_files, self._system, options.signature(signed), start, stack)
-            report = stack.enter_context(PathProgress(header, options.quiet, space))
-            monitors = Monitors(self._system)
-            for finding in monitors.before():
-                warn(finding.text)
-            path_options = ContinuationOptions(
-                1 / int(options.steps), float(options.rtol), monitors, options.stability, report.iterating
-            )
-            continuation = self._continuation(problem, path_options)
-            if outputs.checkpoint is not None and outputs.checkpoint.steps:
-                continuation.resume(outputs.checkpoint.steps, outputs.checkpoint.saved)
+            self._open_files(stack)
+            self._progress = stack.enter_context(Progress("statics", options.quiet, (BarColumn(), TimeElapsedColumn())))
+            self._progress.show(total=1.0)
+            solver = header_text(problem.tangent.solver, problem.space.comm.divided)
+            free = f"{problem.body!r}, {problem.space.count} of them free"
+            self._progress.print(f"{free}; {solver}{parts_line(self._system.mesh)}{remarks(self._system)}")
+            continuation = self._continuation()
             try:
-                self._follow(continuation, outputs, report)
-                self._judge(problem, continuation)
+                self._follow(continuation)
+                self._judge(continuation)
             except (KeyboardInterrupt, Exception) as error:  # for example a full disk, a load's function: keep the states so far
                 raise_if_divided(space.comm, error)
                 self._cause = error
-        result = self._evaluated(problem, continuation)
+        result = self._evaluated(continuation)
         for text in _new_findings(history):
             warn(text)
         space.comm.end_step(False)  # issues the last warnings
@@ -304,45 +301,78 @@ class _Solve:
             raise SolveError(result) from self._cause
         return result
 
-    def _continuation(self, problem: Equilibrium, path_options: ContinuationOptions) -> Continuation:
-        options, t0, body = self._options, float(self._options.t0), problem.body
-        self._initial = start = body.state(self._start, t0) if isinstance(body, Coordinates) else self._start
-        if not options.arc_length:
-            return LoadSteps(problem, start, t0, path_options)
-        return ArcLength(
-            problem, start, t0, path_options, StopCriterion(options.stop or Stop(load=1.0), self._system, problem.states)
-        )
+    def _open_files(self, stack: ExitStack) -> None:
+        """Open the requested series and checkpoint, locked against other writers until the end of `stack`."""
+        files, system, body = self._options.output_files, self._system, self._problem.body
+        start = {"u0": sums_of(self._start, system.space)}
+        if isinstance(body, Coordinates):
+            start["the basis"] = body.signature
+        solver = AUTO if self._problem.space.comm.divided and is_auto(self._options.solver) else self._requested_solver
+        problem = Fingerprint("path of equilibria", system, self._options.signature(solver), MOMENTS, start)
+        self._checkpoint = self._series = None
+        if files.checkpoint is not None:
+            self._checkpoint = stack.enter_context(PathCheckpoint(files.checkpoint, system, problem, files))
+        if files.save is not None:
+            self._series = stack.enter_context(StateSeries(files.save, system, problem, files))
 
-    def _follow(self, continuation: Continuation, outputs: PathOutputs, report: PathProgress) -> None:
+    def _continuation(self) -> Continuation:
+        """Return the continuation from the start, or from the last state of the checkpoint."""
+        options, problem, body, monitors = self._options, self._problem, self._problem.body, Monitors(self._system)
+        for finding in monitors.before():
+            warn(finding.text)
+        self._initial = start = body.state(self._start, self._t0) if isinstance(body, Coordinates) else self._start
+        path_options = ContinuationOptions(
+            1 / int(options.steps), float(options.rtol), monitors, options.stability, self._show_iteration
+        )
+        continuation: Continuation
+        if options.arc_length:
+            stop = StopCriterion(options.stop or Stop(load=1.0), self._system, problem.states)
+            continuation = ArcLength(problem, start, self._t0, path_options, stop)
+        else:
+            continuation = LoadSteps(problem, start, self._t0, path_options)
+        if self._checkpoint is not None and self._checkpoint.steps:
+            continuation.resume(self._checkpoint.steps, self._checkpoint.saved)
+        return continuation
+
+    def _show_iteration(self, t: float, record: Iterations) -> None:
+        self._progress.show(description=f"t {t:.4g}, iteration {len(record)}, residual {record.residuals[-1]:.1e}")
+
+    def _follow(self, continuation: Continuation) -> None:
         """Record the states of the checkpoint and the states that follow."""
-        checkpoint = outputs.checkpoint
-        found = [] if checkpoint is None else checkpoint.steps
-        if checkpoint is not None and found:
-            report.resumed(checkpoint.folder, len(found))
-        for step, history in zip(found, [] if checkpoint is None else checkpoint.histories, strict=True):
-            self._problem.begin_step(history)
-            self._note(step, outputs, report)
-        for outcome in continuation.states(resumed=bool(found)):
-            self._note(outcome, outputs, report)
+        checkpoint = self._checkpoint
+        if checkpoint is not None and checkpoint.steps:
+            self._progress.print(f"read from {checkpoint.folder}: {len(checkpoint.steps)} states")
+            for step, history in zip(checkpoint.steps, checkpoint.histories, strict=True):
+                self._problem.begin_step(history)
+                self._record(step)
+        for outcome in continuation.states(resumed=bool(self._history)):
+            self._record(outcome)
             if isinstance(outcome, Step) and checkpoint is not None:
                 checkpoint.add(outcome, continuation.saved())
                 continuation.problem.forget()
-            if not continuation.reached:
+            if not continuation.next.reached:
                 stop_if_requested(self._system.space.comm)
 
-    def _note(self, outcome: Step | Attempt, outputs: PathOutputs, report: PathProgress) -> None:
-        self._history.append(outcome)
-        report.line(outcome)
-        if isinstance(outcome, Step):
+    def _record(self, outcome: Step | Attempt) -> None:
+        """Record a state or a failed step in the history, print it, and write a state to the series."""
+        self._history.record(outcome)
+        if isinstance(outcome, Attempt):
+            self._progress.print(str(outcome))
+            return
+        self._progress.print(outcome.line(self._system.space.comm))
+        self._progress.show(completed=min(max(outcome.t, 0.0), 1.0))
+        for point in outcome.critical:
+            self._progress.print(str(point))
+        if self._series is not None:
             t = len(self._history) if self._options.arc_length else outcome.t
-            outputs.save(t, outcome, self._problem.moment(outcome.t))
+            self._series.add_state(t, self._system, outcome.u, self._problem.moment(outcome.t))
 
-    def _judge(self, problem: Equilibrium, continuation: Continuation) -> None:
+    def _judge(self, continuation: Continuation) -> None:
         """Check the stability of the last state; if the path stopped early, check whether its branch ends there."""
-        history, t0 = self._history, float(self._options.t0)
-        if not continuation.reached:
-            if len(history) and not history[-1].negative and not problem.space.comm.divided:
-                self._branch = branch_end(problem, self._initial, t0, continuation.u, continuation.t)
+        history, problem = self._history, self._problem
+        if not continuation.next.reached:
+            if history and not history[-1].negative and not problem.space.comm.divided:
+                self._branch = branch_end(problem, self._initial, self._t0, continuation.u, continuation.t)
             return
         last = history[-1]
         if self._options.arc_length and last.negative is not None and problem.symmetric:
@@ -352,26 +382,27 @@ class _Solve:
         else:
             self._verdict = stability_of(problem, continuation.u, last.t)
 
-    def _evaluated(self, problem: Equilibrium, continuation: Continuation) -> StaticResult:
-        t, u, history = continuation.t, problem.states.expand(continuation.u), self._history
-        inverted = problem.inside_out(continuation.u)
+    def _evaluated(self, continuation: Continuation) -> StaticResult:
+        problem, history = self._problem, self._history
+        t, u, inverted = continuation.t, problem.states.expand(continuation.u), problem.inside_out(continuation.u)
         if self._cause is not None:
             status = Status.INTERRUPTED
-        elif not continuation.reached:
+        elif not continuation.next.reached:
             status = Status.STOPPED
         else:
             found = history[-1].end.status if self._verdict.stable else Status.UNSTABLE
             status = Status.INVERTED if len(inverted) else found
-            history.set_last_status(status)
-        if self._system.contacts and len(history):
-            history.add_findings(short_on_path(self._system, history.t, history.u))
+            history[-1] = replace(history[-1], status=status)
+        if self._system.contacts and history:
+            findings = (*history[-1].findings, *short_on_path(self._system, history.t, history.u))
+            history[-1] = replace(history[-1], findings=findings)
         message = reason(
             Ending(
                 system=self._system,
                 status=status,
                 method=continuation.name,
                 history=history,
-                t0=float(self._options.t0),
+                t0=self._t0,
                 t=t,
                 verdict=self._verdict,
                 inverted=problem.named(inverted),

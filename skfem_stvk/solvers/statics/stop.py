@@ -14,8 +14,8 @@ from ...errors import StvkError, name_ids
 from ...mesh.locations import Where, describe, vertices_at
 from ...space import Space
 from ...system import System
+from .equilibrium import Hyperplane
 from .history import Step
-from .predictor_corrector import Hyperplane
 
 #: Largest number of states on a path, if `Stop(states=...)` is not given.
 MOST_STATES = 1000

@@ -22,8 +22,7 @@ from ...mesh import ElementMesh
 from ..body import Body
 from ..loads.load import Moment, Time
 from ..term import Deformation, PointResponse
-from .elastic_law import ElasticLaw
-from .response_at_points import response_of_stretches
+from .elastic_law import ElasticLaw, response_of_stretches
 
 #: How far from orthonormal the columns of a rotation may be.
 ORTHONORMAL = 1e-8
@@ -96,15 +95,6 @@ class Corotated(ElasticLaw):
         super().__post_init__(young, poisson, density)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """Return the assembly of this law on a body's mesh.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         bound, mesh = super().bind(body, dtype), body.mesh if isinstance(body, Body) else body
         if callable(self.rotation):
             bound = bound.at(0.0, None)
@@ -132,31 +122,12 @@ class Corotated(ElasticLaw):
         return self.rotation == "element"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `Term`, by the rotation of each element.
-
-        Parameters
-        ----------
-        at
-            Deformation of the elements at a point of each.
-
-        Raises
-        ------
-        MaterialError
-            for other frames.
-        """
         if not self.has_stress:
             raise MaterialError("Corotated: stresses exist only for rotation='element'; other frames have only forces on nodes.")
         assert isinstance(self.material, Isotropic)
         return response_of_stretches(at, self.material, CorotatedLaw)
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the law of the kernels, with its stored numbers of each element of the region.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        """
         if callable(self.rotation):
             return FramedStiffness(*self.lame(mesh), self._frames(mesh))
         return IsotropicStiffness(*self.lame(mesh), partial(CorotatedLaw, flat=flat_of(mesh.k, mesh.d)))

@@ -195,15 +195,6 @@ class EdgeNetwork(Term):
         return found.negative == 0
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> QuarticNetwork:
-        """Return the network on the vertices of a body's mesh.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         mesh = body.mesh if isinstance(body, Body) else body
         last = int(self.edges.max(initial=-1))
         if last >= mesh.nv:
@@ -250,20 +241,6 @@ class EdgeNetwork(Term):
         return self.laws[0].region if len(self.laws) == 1 else None
 
     def mass(self, mesh: ElementMesh, sizes: Array) -> Array:
-        """Return the masses (n,) [kg] of the region's elements from the laws.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        sizes
-            (n,) lengths, areas or volumes of the region's elements [m^k].
-
-        Raises
-        ------
-        MaterialError
-            if a law has no density.
-        """
 
         def masses(law: StVK, ids: NDArray[Any]) -> Array:
             return law.mass(mesh, of[ids])
@@ -273,28 +250,10 @@ class EdgeNetwork(Term):
         return self._of_laws(mesh, masses)
 
     def section(self, mesh: ElementMesh, n: int) -> Array:
-        """Return thickness, area or 1 (n,) of the region's elements from the laws.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        n
-            Number of elements of the region.
-        """
         found = self._of_laws(mesh, lambda law, ids: law.section(mesh, len(ids)))
         return np.where(found == 0, 1.0, found)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> Array:
-        """Return `lam + 2 mu` (n,) [Pa] of the region's elements from the laws; 0 without a law.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        n
-            Number of elements of the region.
-        """
         return self._of_laws(mesh, lambda law, ids: law.confined_modulus(mesh, len(ids)))
 
     def _of_laws(self, mesh: ElementMesh, value: Callable[[StVK, NDArray[Any]], Array]) -> Array:

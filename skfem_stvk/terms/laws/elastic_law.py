@@ -1,10 +1,12 @@
-"""Base of all laws of elasticity on elements: a material on a region, thickness or area, mass."""
+"""Base of all laws of elasticity on elements: a material on a region, thickness or area, mass; and their response at points."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from copy import copy
 from dataclasses import InitVar, dataclass, field
+from functools import partial
 from typing import Annotated, Any, ClassVar, TypeVar
 
 import numpy as np
@@ -12,16 +14,21 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from ...arguments import Array, Quantity, Specification, choice, own, shown
 from ...edges import Assembly
+from ...edges.elements import Frames
 from ...edges.materials import FramedMaterial, Hypothesis, Isotropic, Material
 from ...edges.materials.material import check_length, constant
-from ...edges.stiffness import StoredLaw
+from ...edges.stiffness import IsotropicStiffness, LawInFrames, StoredLaw, flat_of
+from ...edges.topology import in_lanes
 from ...errors import MaterialError
+from ...kernels import fields_at_points as point_kernels
 from ...mesh import ElementMesh
 from ..body import Body
-from ..term import Term
+from ..term import Deformation, PointResponse, Term
 
 Law = TypeVar("Law", bound="ElasticLaw")
 
+#: A smaller stretch counts as zero.
+FLAT = 1e-9
 #: Parameters of all laws and networks on elements.
 OfMaterial = Annotated[Material | None, Quantity(None, "Name of its material.")]
 OfRegion = Annotated[str | NDArray[Any] | None, Quantity(None, "Elements it is on; by default all.")]
@@ -90,14 +97,6 @@ class ElasticLaw(Specification, Term):
         return law
 
     def hypothesis(self, mesh: ElementMesh) -> Hypothesis:
-        """Return the hypothesis: the components of strain or stress that vanish across the elements of this mesh.
-
-        Raises
-        ------
-        MaterialError
-            if `plane`, `thickness` or `area` does not apply to them; if the law has its own simplices, which a `System`
-            connects.
-        """
         if self.simplices is not None:
             raise MaterialError(
                 f"{type(self).__name__} has simplices of its own; expected a law on the elements of a mesh. A System connects "
@@ -116,7 +115,6 @@ class ElasticLaw(Specification, Term):
         return Hypothesis.PLANE_STRESS if mesh.d == 3 or self.plane == "stress" else Hypothesis.PLANE_STRAIN
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """Return the assembly of this law on a body's mesh."""
         body = body if isinstance(body, Body) else Body(body, [])
         mesh, elements, hourglass = body.mesh, body.mesh.elements(self.region), body.quadrature.hourglass
         t = mesh.t if self.region is None else mesh.t[:, elements]
@@ -133,7 +131,13 @@ class ElasticLaw(Specification, Term):
 
     @abstractmethod
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the law of the kernels, with its stored numbers of each element of the region."""
+        """Return the law of the kernels, with its stored numbers of each element of the region.
+
+        Parameters
+        ----------
+        mesh
+            Mesh of the body.
+        """
 
     def lame(self, mesh: ElementMesh, hypothesis: Hypothesis | None = None) -> tuple[Array, Array]:
         """Return `lam` and `mu` (n,) times section under a hypothesis, by default that of the elements.
@@ -152,13 +156,6 @@ class ElasticLaw(Specification, Term):
         return lam, mu
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the masses (n,) [kg] of the region's elements, from their lengths, areas or volumes `sizes` (n,).
-
-        Raises
-        ------
-        MaterialError
-            if the material has no density.
-        """
         assert self.material is not None
         if self.material.density is None:
             region = f" on {self.region!r}" if isinstance(self.region, str) else ""
@@ -182,7 +179,6 @@ class ElasticLaw(Specification, Term):
         return np.asarray(np.diagonal(self.material.stiffness(), axis1=-2, axis2=-1)[..., :3].max(axis=-1))
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return the factor from the size of an element to its volume: thickness, area, or 1; a number or (n,)."""
         name, value = {1: ("area", self.area), 2: ("thickness", self.thickness)}.get(mesh.k, ("", None))
         section = np.asarray(1.0 if value is None else value)
         check_length(section, n, name)
@@ -191,3 +187,58 @@ class ElasticLaw(Specification, Term):
 
 for _shorthand in ("young", "poisson", "density"):  # remove class defaults, so that term.young raises; use term.material
     delattr(ElasticLaw, _shorthand)
+
+
+def stress_and_density(stiffness: LawInFrames, at: Deformation) -> tuple[Array, Array]:
+    """Return the stress (n, 3, 3) [Pa] and the energy density (n,) of a law that is a function of strain (`response_to_strain`)."""
+    M, (n, _, k) = 2 * embedded(at.strain), at.gradient.shape
+    S, W = np.empty((n, 3, 3)), np.empty(n)
+    point_kernels.stress_by_strain(_at_points(stiffness, k, n), k, M, W, S)
+    return S, W
+
+
+def response_of_stretches(at: Deformation, material: Isotropic, kind: Callable[..., Any], *, green: bool = False) -> PointResponse:
+    """Return the response of a law of principal stretches: `S = V diag(p/s) V'`, infinite where a stretch vanishes.
+
+    `kind` makes the law from its numbers and `flat`. In plane stress, the strain across the elements is that of Hooke's law of the
+    `material` between elongations or, if `green`, between Green-Lagrange strains.
+    """
+    n, d, k = at.gradient.shape
+    lam, mu = (np.broadcast_to(value, n) for value in material.lame(at.hypothesis))
+    flat = flat_of(k, d)
+    law = IsotropicStiffness(lam, mu, partial(kind, flat=None if at.hypothesis is Hypothesis.PLANE_STRAIN else flat))
+    Q, h, V = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.empty((n, 3, 3))
+    p, W = np.empty((n, 3)), np.empty(n)
+    e: Array = np.empty((n, 3))
+    Q[:, :k, :d], h[:, :k, :d] = np.swapaxes(at.axes, 1, 2), np.swapaxes(at.gradient, 1, 2)
+    point_kernels.response_to_stretches(_at_points(law, k, n), flat, Q, h, W, e, p, V)
+    none = np.abs(1 + e) < FLAT
+    infinite = none.any(axis=1)
+    pull = np.where(infinite[:, None], 0, p / np.where(none, 1, 1 + e))
+    strain = embedded(at.strain)
+    if at.hypothesis.condensed:
+        within = np.trace(at.strain, axis1=1, axis2=2) if green else e.sum(axis=1)
+        across = material.strain_across((k * lam + 2 * mu) * within)[:, None, None] * np.eye(3 - k)
+        strain[:, k:, k:] = across if green else green_strain_of(across)
+    return PointResponse(strain, (V * pull[:, None]) @ np.swapaxes(V, 1, 2), W, infinite)
+
+
+def embedded(tensor: Array) -> Array:
+    """Return the tensors (n, k, k) within elements as new tensors (n, 3, 3), zero across."""
+    solid = np.zeros((len(tensor), 3, 3))
+    solid[:, : tensor.shape[1], : tensor.shape[2]] = tensor
+    return solid
+
+
+def green_strain_of(e: Array) -> Array:
+    """Return the Green-Lagrange strains `e + e e/2` of elongations `U - I` (n, m, m); -1/2 where no positive stretch is left."""
+    values, axes = np.linalg.eigh(e)
+    values = np.maximum(values, -1.0)
+    return np.asarray((axes * (values * (1 + values / 2))[:, None]) @ np.swapaxes(axes, 1, 2))
+
+
+def _at_points(stiffness: LawInFrames, k: int, n: int) -> Any:
+    """Return the law of the kernels with its numbers at n points, per unit of rest volume, in the axes of the elements."""
+    Ri = np.repeat(np.array([1.0, 0.0, 0.0, k > 1, 0.0, k > 2])[:, None], n, axis=1)
+    frames = Frames(k, np.broadcast_to(np.eye(k), (n, k, k)), Ri, np.ones(n), None)
+    return stiffness.law(in_lanes(np.concatenate([Ri, stiffness.stored(frames, np.arange(n, dtype=np.int32))])).ravel())

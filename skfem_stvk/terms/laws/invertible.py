@@ -19,8 +19,7 @@ from ...kernels.invertible_law import InvertibleLaw
 from ...mesh import ElementMesh
 from ..body import Body
 from ..term import Deformation, PointResponse
-from .elastic_law import ElasticLaw
-from .response_at_points import response_of_stretches
+from .elastic_law import ElasticLaw, response_of_stretches
 
 #: Principal stretch below which the stress of `StVK` falls in compression.
 LEAST = 1 / 3**0.5
@@ -103,15 +102,6 @@ class InvertibleStVK(ElasticLaw):
         object.__setattr__(self, "threshold", threshold)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Any:
-        """Return the assembly of this law on a body's mesh.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         bound = super().bind(body, dtype)
         if self.extend == "energy":
             return bound
@@ -124,13 +114,6 @@ class InvertibleStVK(ElasticLaw):
         return StressExtension(mesh, mesh.t[:, mesh.elements(self.region)], self.lame(mesh), self.threshold, bound)
 
     def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness:
-        """Return the law of the kernels, with its stored numbers of each element of the region.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        """
         law = partial(InvertibleLaw, flat=flat_of(mesh.k, mesh.d), threshold=self.threshold)
         return IsotropicStiffness(*self.lame(mesh), law)
 
@@ -140,18 +123,6 @@ class InvertibleStVK(ElasticLaw):
         return self.extend == "energy"
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `Term`.
-
-        Parameters
-        ----------
-        at
-            Deformation of the elements at a point of each.
-
-        Raises
-        ------
-        MaterialError
-            if the stress is extended, since it has no energy.
-        """
         if not self.has_stress:
             raise MaterialError("InvertibleStVK: with extend='stress' there is no energy density. Take extend='energy'.")
         assert isinstance(self.material, Isotropic)

@@ -77,13 +77,7 @@ class LinearElastic(ElasticLaw):
     assembly = BoundLinearElastic
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the stiffness of each element of the region: the numbers of St. Venant-Kirchhoff's law, for the linear one.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        """
+        # the numbers of St. Venant-Kirchhoff's law, for the linear one
         found = StVK(self.material, self.region, self.plane, self.thickness, self.area).stiffness(mesh)
         found.law = LINEAR[found.law]
         return found

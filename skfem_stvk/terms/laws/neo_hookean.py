@@ -18,8 +18,7 @@ from ...errors import MaterialError, name_ids
 from ...kernels.neo_hookean_law import NeoHookeanLaw, NeoHookeanSheet
 from ...mesh import ElementMesh
 from ..term import Deformation, PointResponse
-from .elastic_law import ElasticLaw
-from .response_at_points import embedded, stress_and_density
+from .elastic_law import ElasticLaw, embedded, stress_and_density
 
 #: End of messages about elements with `J <= 0`.
 INFINITE_ENERGY = (
@@ -88,13 +87,6 @@ class NeoHookean(ElasticLaw):
     assembly = BoundEnergyOfStrain
 
     def stiffness(self, mesh: ElementMesh) -> StoredLaw:
-        """Return the law of the kernels, with its stored numbers of each element of the region.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        """
         hypothesis = self.hypothesis(mesh)
         if hypothesis is Hypothesis.UNIAXIAL_STRESS:
             raise MaterialError("NeoHookean is for solids and surfaces; the mesh has segments. Take StVK for cables and bars.")
@@ -107,18 +99,6 @@ class NeoHookean(ElasticLaw):
         return NeoHookeanStiffness(lam, mu, hypothesis.condensed)
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response as in `Term`.
-
-        Parameters
-        ----------
-        at
-            Deformation of the elements at a point of each.
-
-        Raises
-        ------
-        StateError
-            for inverted or flat elements.
-        """
         assert isinstance(self.material, Isotropic)
         (n, d, k), (lam, mu) = at.gradient.shape, self.material.lame(Hypothesis.SOLID)
         lam, mu, strain = np.broadcast_to(lam, n), np.broadcast_to(mu, n), embedded(at.strain)

@@ -58,7 +58,8 @@ class SpringNetwork(Term):
         Rule for the stiffness, by its name above.
     stiffness
         Stiffness `k` [N/m] of each edge instead of a rule, not negative: in scikit-fem's order of `mesh.edges`, for triangles
-        `mesh.facets`. For a region, in this order among the edges of its elements. No material is needed then.
+        `mesh.facets`. For a region, in this order among the edges of its elements. No material is needed then. It stays as long as
+        an element around the edge does.
     region, plane, thickness, area
         Arguments of `StVK`, as there.
     young, poisson, density
@@ -141,39 +142,12 @@ class SpringNetwork(Term):
         return StVK(self.material, self.region, self.plane, self.thickness, self.area)
 
     def mass(self, mesh: ElementMesh, sizes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the masses (n,) [kg] of the region's elements, as for `StVK`.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        sizes
-            (n,) lengths, areas or volumes of the region's elements [m^k].
-        """
         return self.law.mass(mesh, sizes)
 
     def section(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return the factor from the size of an element to its volume: thickness, area, or 1; a number or (n,).
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        n
-            Number of elements of the region.
-        """
         return self.law.section(mesh, n)
 
     def confined_modulus(self, mesh: ElementMesh, n: int) -> NDArray[np.float64]:
-        """Return `lam + 2 mu` [Pa] of the material, as for `StVK`; 0 without a material.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        n
-            Number of elements of the region.
-        """
         return np.zeros(n) if type(self.material) is Material else self.law.confined_modulus(mesh, n)
 
     def edges(self, mesh: MeshLike) -> NDArray[np.int32]:
@@ -204,33 +178,10 @@ class SpringNetwork(Term):
         return self._springs(ElementMesh.of(mesh)).own
 
     def elements_held_in_shape(self, mesh: ElementMesh) -> NDArray[np.int64]:
-        """Return the ids (n,) of the region's elements with a spring along each edge.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        """
         sprung = self._springs(mesh).own > 0
         return np.asarray(mesh.elements(self.region))[sprung[edge_topology(self._simplices(mesh))[1]].all(axis=0)]
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> HookeanNetwork:
-        """Return the springs with a stiffness on a body's mesh.
-
-        A user-supplied stiffness stays as long as an element around the edge does.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-
-        Raises
-        ------
-        MaterialError, RegionError
-            as `SpringNetwork`, when it is bound.
-        """
         mesh = body.mesh if isinstance(body, Body) else body
         whole = self._springs(mesh)
         # both springs of each pair have a stiffness

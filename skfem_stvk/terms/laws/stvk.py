@@ -18,8 +18,7 @@ from ...kernels.st_venant_kirchhoff import IsotropicLaw
 from ...kernels.tension_fields import TensionLaw
 from ...mesh import ElementMesh
 from ..term import Deformation, PointResponse
-from .elastic_law import ElasticLaw
-from .response_at_points import stress_and_density
+from .elastic_law import ElasticLaw, stress_and_density
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +93,6 @@ class StVK(ElasticLaw):
         return self.wrinkling
 
     def stiffness(self, mesh: ElementMesh) -> IsotropicStiffness | AnisotropicStiffness:
-        """Return the stiffness of each simplex of the region, in the form that stores least.
-
-        Parameters
-        ----------
-        mesh
-            Mesh of the body.
-        """
         hypothesis = self.hypothesis(mesh)
         if self.wrinkling and not hypothesis.condensed:
             flat = mesh.k == 2
@@ -134,15 +126,7 @@ class StVK(ElasticLaw):
         return self.stiffness(mesh).coefficients(mesh.p, mesh.t[:, mesh.elements(self.region)])
 
     def response(self, at: Deformation) -> PointResponse:
-        """Return the response with wrinkling: the stress of the relaxed energy, and the strain that it causes in all directions.
-
-        Within the element this is the natural strain, without the width that folds take.
-
-        Parameters
-        ----------
-        at
-            Deformation of the elements of the region.
-        """
+        # Wrinkling: the strain is that which the stress causes in all directions, without the width that folds take.
         assert isinstance(self.material, Isotropic)
         n = len(at.gradient)
         lam, mu = (np.broadcast_to(value, n) for value in self.material.lame(at.hypothesis))

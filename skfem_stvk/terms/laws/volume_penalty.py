@@ -178,15 +178,6 @@ class VolumePenalty(Term):
         own(self)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundVolumePenalty:
-        """Return the penalty of a body; a mesh alone has thickness or area 1, and requires a stiffness.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         body = body if isinstance(body, Body) else Body(body, [])
         mesh = body.mesh
         elements, k = mesh.elements(self.region), self.moduli(body)

@@ -13,8 +13,7 @@ from ...arguments import Array, Quantity
 from ...mesh import ElementMesh
 from ...mesh.locations import Where, describe, facets_at, in_value_order, vertices_at
 from ..body import Body
-from ..bound_load import BoundLoad, Load
-from .load import Moment, Time, Value
+from .load import BoundLoad, Load, Moment, Time, Value
 from .spread import Spread
 
 Values = NDArray[np.float64]
@@ -55,12 +54,7 @@ class Gravity(Load):
     def bind(self, body: Body) -> Weight:
         spread = spread_over(body, lambda one: one.mass)
         lumped = Nodes(body.mesh, spread.vertices, body.lumped_mass[spread.vertices])
-        return Weight(
-            body.mesh,
-            spread,
-            lumped,
-            Value(self.g, (body.mesh.d,), spread.x, "Gravity", name="g", divided=body.mesh.space.comm.divided),
-        )
+        return Weight(body.mesh, spread, lumped, self.value(body.mesh, spread.x, "Gravity"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,11 +96,7 @@ class BodyForce(Load):
         else:
             ids = body.mesh.elements(self.region)
             spread = Spread(body.mesh, body.mesh.element, body.mesh.t[:, ids], body.volumes[ids])
-        return DeadLoad(
-            body.mesh,
-            spread,
-            Value(self.force, (body.mesh.d,), spread.x, "BodyForce", name="force", divided=body.mesh.space.comm.divided),
-        )
+        return DeadLoad(body.mesh, spread, self.value(body.mesh, spread.x, "BodyForce"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,9 +137,7 @@ class NodalLoad(Load):
         vertices = vertices_at(body.mesh, self.where, what)
         weights = body.mesh.space.counted(np.where(body.bare, 0.0, 1.0))[vertices]  # each node once in a divided body
         nodes = Nodes(body.mesh, vertices, None if weights.all() else weights)
-        return DeadLoad(
-            body.mesh, nodes, Value(self.force, (body.mesh.d,), nodes.x, what, name="force", divided=body.mesh.space.comm.divided)
-        )
+        return DeadLoad(body.mesh, nodes, self.value(body.mesh, nodes.x, what))
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,11 +181,7 @@ class Traction(Load):
         what = f"Traction on {describe(self.where)}"
         facets = facets_at(body.mesh, self.where, what)
         spread = Spread(body.mesh, body.facet, facets, body.facet_areas(facets), in_value_order(body.mesh, self.where, facets))
-        return DeadLoad(
-            body.mesh,
-            spread,
-            Value(self.traction, (body.mesh.d,), spread.x, what, name="traction", divided=body.mesh.space.comm.divided),
-        )
+        return DeadLoad(body.mesh, spread, self.value(body.mesh, spread.x, what))
 
 
 def spread_over(body: Body, sizes: Callable[[Body], Values]) -> Spread | CombinedSpread:
@@ -271,11 +255,9 @@ class DeadLoad(BoundLoad):
         return -float(np.einsum("ic,ic", self.forces(t), u[self._at]))  # BLAS is avoided: its threads wait for ours
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
-        """Add the forces [N] to `out` (nv, d)."""
         out[self._at] += self.forces(t)
 
     def memory(self) -> dict[str, int]:
-        """Return the bytes of its arrays, by part."""
         return {"loads": self._known[1].nbytes}
 
 

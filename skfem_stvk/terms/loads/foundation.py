@@ -73,15 +73,6 @@ class ElasticFoundation(Term):
         own(self)
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> Bedding:
-        """Return the bedding of a body; a mesh alone has thickness or area 1.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         body = body if isinstance(body, Body) else Body(body, [])
         what, d = f"ElasticFoundation on {describe(self.where)}", body.mesh.d
         k = np.asarray(self.stiffness)
@@ -121,7 +112,6 @@ class Bedding(BoundTerm):
         return Bedding(self._body.without(removed, self._body.bare), self.where, self._facets, self._k, self._dtype)
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Return the energy [J] at `u` (nv, d); add the force on the springs [N] to `force` (nv, d)."""
         own = u[self.nodes]
         pull = self._pull(own)
         if force is not None:
@@ -146,7 +136,6 @@ class Bedding(BoundTerm):
         out[self.nodes] += self._sizes @ np.abs(u[self.nodes]) * self._k.astype(self._M.dtype)
 
     def memory(self) -> dict[str, int]:
-        """Return the bytes of its arrays, by part."""
         M = self._M
         arrays = M.data, M.indices, M.indptr, self._between, self._own, self.nodes, self.grounded, self.nodes_paired
         return {"foundations": sum(array.nbytes for array in arrays)}

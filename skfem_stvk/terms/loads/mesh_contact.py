@@ -9,18 +9,16 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ...arguments import Array, Quantity, Specification, number, own, shown, text
+from ...arguments import Array, Quantity, number, shown
 from ...edges import ALL, NodeBlocks, Tensions
-from ...errors import ContactError, StvkError, name_ids
+from ...errors import ContactError, name_ids
 from ...mesh import ElementMesh
 from ...mesh.diagnostics import parts
 from ...mesh.facets import linked
 from ...mesh.locations import Where
 from ..body import Body
-from ..term import Term
-from .bound_contact import BoundContact
+from .contact import BoundContact, Contact, Friction, numbers_of, refuse_missing_width, width_of
 from .contact_surface import elements_behind, pieces_of, remaining_surface, surface_at, young_of
-from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .ipc import Barrier, Collisions
 from .load import Assumed, Assumption, Moment
 from .rigid_mesh import RigidMesh, winding_numbers
@@ -35,7 +33,7 @@ UNUSED = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class MeshContact(Specification, Term):
+class MeshContact(Contact):
     """Contact of two surfaces, or of a surface with itself: a barrier at small distances, which nothing passes.
 
     ::
@@ -89,9 +87,8 @@ class MeshContact(Specification, Term):
     (True, True)
     """
 
-    error: ClassVar[type[StvkError]] = ContactError
-    on_elements: ClassVar[bool] = True
     between_parts: ClassVar[bool] = True
+    unit = "Pa"
 
     first: Annotated[Where | None, Quantity(None, "Place of the facets of the first surface; None for all.")]
     second: Annotated[
@@ -107,31 +104,11 @@ class MeshContact(Specification, Term):
     name: Annotated[str, Quantity(None, "Name in results and messages.")] = field(default="contact", kw_only=True)
 
     def __post_init__(self) -> None:
-        own(self)
-        if not isinstance(self.friction, Friction | None):
-            raise ContactError(f"MeshContact: friction = {shown(self.friction)}; expected Friction(...), or None.")
-        object.__setattr__(self, "name", text("MeshContact: name", self.name))
+        super().__post_init__()
         distance = number(f"{self.label}: distance", self.distance, "a positive distance [m]", 0.0, error=ContactError)
         object.__setattr__(self, "distance", distance)
-        if self.stiffness is not None:
-            k = number(f"{self.label}: stiffness", self.stiffness, "a positive number [Pa]", 0.0, error=ContactError)
-            object.__setattr__(self, "stiffness", k)
-
-    @property
-    def label(self) -> str:
-        """Beginning of messages."""
-        return f"MeshContact {self.name!r}"
 
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundMeshContact:
-        """Return the contact of a body.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         body = body if isinstance(body, Body) else Body(body, [])
         d = body.mesh.d
         if d == 1:
@@ -419,7 +396,6 @@ class BoundMeshContact(BoundContact):
         return found
 
     def look(self, u: Array) -> None:
-        """Couple the pairs of nodes that the stiffness at `u` (nv, d) contains."""
         if self._now.assumed is Assumed.APART:
             return
         keys, pairs = self._blocks_at(u, clamped=False).keys, self._pairs
@@ -464,7 +440,6 @@ class BoundMeshContact(BoundContact):
         return sum(others, first)
 
     def energy_and_force(self, u: Array, force: Array | None = None) -> float:
-        """Return the energy [J] at `u` (nv, d); add the internal force [N] to `force` (nv, d)."""
         at = self._collisions(self._moved(u))
         if force is not None:
             force[self._nodes] += self._on_body(self._barrier.force(at))
@@ -479,7 +454,6 @@ class BoundMeshContact(BoundContact):
                 blocks.own[:] += found.own
 
     def add_round_off(self, u: Array, out: Array) -> None:
-        """Add the absolute values of the force's summands [N] to `out` (nv, d)."""
         at = self._collisions(self._moved(u))
         K = self._barrier.stiffness(at, clamped=False)
         sums = (abs(K) @ np.abs(at.x).ravel()).reshape(-1, self._d) + np.abs(self._barrier.force(at))
@@ -530,7 +504,6 @@ class BoundMeshContact(BoundContact):
         return self._barrier.limit(self._moved(u0), self._moved(u1)) < 1
 
     def identity(self) -> list[float]:
-        """Return numbers that differ from those of another contact."""
         return [
             self.contact.distance,
             self._stiffness,
@@ -553,7 +526,6 @@ class BoundMeshContact(BoundContact):
         return self._nodes[held].astype(np.int64), -force[held] / sizes[held, None]
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
-        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
         at, areas = self._collisions(self._moved(u)), self._thickness * self._on_body(self._barrier.areas())
         forces = np.linalg.norm(self._on_body(self._barrier.force(at)), axis=1)
         pressure, gap = np.zeros(self._nv), np.full(self._nv, np.inf)

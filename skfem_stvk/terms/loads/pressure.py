@@ -15,12 +15,10 @@ from ...kernels.simplex_topology import edges_of_simplices
 from ...mesh import ElementMesh
 from ...mesh.facets import faces_to_reverse, find_facets
 from ...mesh.locations import Where, describe, facets_at, in_value_order
-from ...mesh.points import base_vectors_at, normals_of
-from ...mesh.rules import rule_of
+from ...mesh.points import base_vectors_at, normals_of, rule_of
 from ..body import Body
-from ..bound_load import BoundLoad, Load
 from ..connectivity import simplices_of
-from .load import Time, Value
+from .load import BoundLoad, Load, Time, Value
 from .spread import Spread
 
 #: Row and column of each component of an axial vector in the matrix of a cross product; the transposed entry is its negative.
@@ -89,9 +87,7 @@ class Pressure(Load):
             surface, element = _outwards(mesh, self.where, what), body.facet
             vertices, sizes = in_value_order(mesh, self.where, surface), body.facet_sections(surface)  # 1 of solids
         spread = Spread(mesh, element, surface, sizes, vertices)
-        return FollowerPressure(
-            mesh, surface, spread, Value(self.pressure, (), spread.x, what, name="pressure", divided=mesh.space.comm.divided)
-        )
+        return FollowerPressure(mesh, surface, spread, self.value(mesh, spread.x, what, ()))
 
 
 class FollowerPressure(BoundLoad):
@@ -133,13 +129,11 @@ class FollowerPressure(BoundLoad):
         raise LoadError("Follower pressure has no potential: its work depends on the path.")
 
     def add_force(self, u: Array, t: Time, out: Array) -> None:
-        """Add the force [N] to `out` (nv, d)."""
         areas, weights = normals_of((self._rest + self._base_vectors(u)).transpose(3, 2, 1, 0)), self._weights(t)
         sums = [self._spread.add(np.einsum("aqn,qn->an", weights, area)) for area in areas.transpose(2, 1, 0)]
         out[self._spread.vertices] -= np.stack(sums, axis=1)
 
     def add_blocks(self, u: Array, t: Time, blocks: NodeBlocks) -> None:
-        """Add the blocks of `-df/du` [N/m] at `u` (nv, d)."""
         assert blocks.reverse is not None and blocks.own is not None
         weights, every = self._weights(t), (blocks.pairs, blocks.reverse, blocks.own)
         base_vectors, counts = self._rest + self._base_vectors(u), [len(part) for part in every]
@@ -151,7 +145,6 @@ class FollowerPressure(BoundLoad):
                 part[:, column, row] -= own
 
     def memory(self) -> dict[str, int]:
-        """Return the bytes of its arrays, by part."""
         arrays = self._surface, self._rest, self.nodes_paired, self._block
         return {"loads": sum(array.nbytes for array in arrays) + self._spread.memory()}
 

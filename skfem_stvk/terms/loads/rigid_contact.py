@@ -9,9 +9,9 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from ...arguments import Array, Quantity, Specification, number, own, shown, text
+from ...arguments import Array, Quantity, number, shown
 from ...edges import ALL, NodeBlocks, Tensions
-from ...errors import ContactError, StvkError
+from ...errors import ContactError
 from ...kernels import contact_penalty as kernels
 from ...kernels.contact_penalty import Surface
 from ...kernels.simplex_topology import edges_of_simplices
@@ -19,13 +19,10 @@ from ...mesh import ElementMesh
 from ...mesh.diagnostics import parts
 from ...mesh.element import Element
 from ...mesh.locations import Where
-from ...mesh.points import sizes_of
-from ...mesh.rules import rule_of
+from ...mesh.points import rule_of, sizes_of
 from ..body import Body
-from ..term import Term
-from .bound_contact import BoundContact
+from .contact import BoundContact, Contact, Friction, numbers_of, refuse_missing_width, width_of
 from .contact_surface import elements_behind, surface_at, young_of
-from .friction import Friction, numbers_of, refuse_missing_width, width_of
 from .load import Assumed, Assumption, Moment, Time, Value
 from .rigid_shapes import RigidShape
 from .spread import Spread
@@ -39,7 +36,7 @@ HALFWAY = 0.5 - 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class RigidContact(Specification, Term):
+class RigidContact(Contact):
     """Contact of a body's surface with a rigid shape: a penalty on the depth of its points in the shape.
 
     ::
@@ -89,9 +86,8 @@ class RigidContact(Specification, Term):
     (50.0, -10000.0)
     """
 
-    error: ClassVar[type[StvkError]] = ContactError
     given_by: ClassVar[str] = "motion"
-    on_elements: ClassVar[bool] = True
+    unit = "N/m^3"
 
     shape: Annotated[RigidShape, Quantity(None, "The rigid shape.")]
     where: Annotated[Where | None, Quantity(None, "Place of the boundary facets that may touch; by default all.")] = None
@@ -108,31 +104,11 @@ class RigidContact(Specification, Term):
                 f"RigidContact: shape = {shown(self.shape)}; expected RigidPlane(...), RigidSphere(...), RigidCylinder(...) or "
                 "RigidBox(...)."
             )
-        own(self)
-        if not isinstance(self.friction, Friction | None):
-            raise ContactError(f"RigidContact: friction = {shown(self.friction)}; expected Friction(...), or None.")
-        object.__setattr__(self, "name", text("RigidContact: name", self.name))
-        if self.stiffness is not None:
-            k = number(f"{self.label}: stiffness", self.stiffness, "a positive number [N/m^3]", 0.0, error=ContactError)
-            object.__setattr__(self, "stiffness", k)
+        super().__post_init__()
         onset = number(f"{self.label}: onset", self.onset, "a depth [m], zero or more", 0.0, closed=True, error=ContactError)
         object.__setattr__(self, "onset", onset)
 
-    @property
-    def label(self) -> str:
-        """Beginning of messages."""
-        return f"RigidContact {self.name!r}"
-
     def bind(self, body: Body | ElementMesh, dtype: DTypeLike = np.float64) -> BoundRigidContact:
-        """Return the contact of a body; a mesh alone has thickness or area 1.
-
-        Parameters
-        ----------
-        body
-            Body, or its mesh alone.
-        dtype
-            Type of results and of stored numbers, float64 or float32.
-        """
         body = body if isinstance(body, Body) else Body(body, [])
         if self.shape.d != body.mesh.d:
             raise ContactError(
@@ -321,7 +297,6 @@ class BoundRigidContact(BoundContact):
         return bool(kernels.step_limit(self._surface, self._shape, self._now.start, moved, u0, u1 - u0) <= 1)
 
     def identity(self) -> list[float]:
-        """Return numbers that differ from those of another contact."""
         finite = np.nan_to_num(self._shape.numbers).tolist()
         return [
             self._shape.kind,
@@ -351,7 +326,6 @@ class BoundRigidContact(BoundContact):
         return gaps, forces, normals
 
     def evaluated(self, u: Array) -> tuple[Array, Array, float]:
-        """Return pressure (nv,) [Pa] and smallest gap (nv,) [m] at nodes for `u` (nv, d), and the area [m^2] that touches."""
         (N, t, _), (gaps, forces, _) = self._surface, self._gaps(self._surface, self._weights, u)
         sums = [np.zeros(len(u)) for _ in range(2)]
         for values, out in zip((forces, self.areas), sums, strict=True):
@@ -362,7 +336,6 @@ class BoundRigidContact(BoundContact):
         return pressure, smallest, float(self.areas[gaps < 0].sum())
 
     def smallest_gap(self, u: Array) -> float:
-        """Return the smallest gap of all points at `u` (nv, d) [m], negative where one touches."""
         return float(kernels.smallest_gap(self._surface, self._shape, self._now.shift, u))
 
     def add_round_off(self, u: Array, out: Array) -> None:
@@ -373,7 +346,6 @@ class BoundRigidContact(BoundContact):
         np.add.at(out, t, np.einsum("nq,qm,nqd->nmd", touching, np.abs(N), np.abs(normals)))
 
     def memory(self) -> dict[str, int]:
-        """Return the bytes of its arrays, by part."""
         arrays = *self._surface, *self._own_surface, self.areas, self._weights, self._sides, self._facets, self.nodes
         return {"contact": sum(array.nbytes for array in (*arrays, self.nodes_paired))}
 
@@ -478,7 +450,6 @@ class RigidContactWithHistory(BoundRigidContact):
         return (missing[..., None] * across).reshape(-1, 3), max(now[..., 3].sum(), past[..., 3].sum())
 
     def drag(self, u: Array) -> Array:
-        """Return the largest friction per speed (nv,) [N s/m] of each node in a step from `u` (nv, d)."""
         (N, t, _), drag, friction = self._surface, np.zeros(len(u)), self.contact.friction
         if friction is not None and friction.slip_speed is not None:  # the slope of f1 at zero is 2
             slopes = 2 * friction.coefficient / friction.slip_speed * self._gaps(self._surface, self._weights, u)[1]

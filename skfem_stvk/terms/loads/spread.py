@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from ...mesh import ElementMesh
 from ...mesh.element import Element
-from ...mesh.points import sizes_at_points
-from ...mesh.rules import rule_of
+from ...mesh.points import rule_of, sizes_at_points
 
 Values = NDArray[np.float64]
 Ids = NDArray[Any]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skfem_stvk.solvers.newton.line_search import quartic_minimum, root_of_slope
+from skfem_stvk.solvers.newton.newton import quartic_minimum, root_of_slope
 
 numbers = st.floats(-10, 10).filter(lambda x: x == 0 or abs(x) > 1e-3)
 
@@ -34,11 +34,11 @@ def test_an_unbounded_decrease_has_no_minimum():
     assert quartic_minimum(np.array([0, -1.0, -1.0, 0, 0])) == np.inf
 
 
+@pytest.mark.parametrize("size", [1e-12, 1e-3, 1.0, 1e6, 1e12])
 @pytest.mark.parametrize("scale", [1e-30, 1.0, 1e30])
-def test_the_minimum_does_not_depend_on_units(scale):
-    assert quartic_minimum(scale * np.array([0, -3.0, 1.0, 0.5, 0.2])) == pytest.approx(
-        quartic_minimum(np.array([0, -3.0, 1.0, 0.5, 0.2])), rel=1e-12
-    )
+def test_the_minimum_does_not_depend_on_units_and_on_the_length_of_the_direction(scale, size):
+    c = np.array([0, -3.0, 1.0, 0.5, 0.2])
+    assert quartic_minimum(scale * c * size ** np.arange(5)) * size == pytest.approx(quartic_minimum(c), rel=1e-9)
 
 
 @pytest.mark.parametrize("root", [1e-3, 0.3, 1.0, 7.0, 60.0])

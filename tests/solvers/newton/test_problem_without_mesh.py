@@ -11,10 +11,9 @@ from scipy.sparse import csr_matrix
 import skfem_stvk
 from skfem_stvk import StateError
 from skfem_stvk.linear import Kind, SuperLU, Unknowns
-from skfem_stvk.solvers.newton.eigen import lowest_mode, nearest_mode
 from skfem_stvk.solvers.newton.newton import End, NewtonOptions, newton
 from skfem_stvk.solvers.newton.problem import Residual, Tangent, slope
-from skfem_stvk.solvers.newton.stability import stability_of
+from skfem_stvk.solvers.newton.stability import lowest_mode, nearest_mode, stability_of
 from skfem_stvk.space import Space
 
 N, GHOSTS = 20, 3

@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import skfem
-from beams import beam, bent, block, column
+from beams import CRITICAL, beam, bent, block, column, free_of, tangent
 
 from skfem_stvk import ElementMesh, NodalLoad, Pressure, Stop, StVK, System, Traction, solve_static
-from skfem_stvk.errors import StateError, StvkError
+from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.solvers.newton.stopwatch import Stopwatch
 from skfem_stvk.solvers.statics import CriticalPoint, SolveError, Status
-from skfem_stvk.solvers.statics.arc_length import ArcLength
+from skfem_stvk.solvers.statics.arc_length import ArcLength, ArcLengthState
 from skfem_stvk.solvers.statics.continuation import SMALLEST
 from skfem_stvk.solvers.statics.critical import Point
 from skfem_stvk.solvers.statics.equilibrium import Equilibrium
@@ -44,6 +44,7 @@ def test_every_state_of_a_snap_through_is_on_its_curve():
     between = np.abs(w - RISE) < RISE / np.sqrt(3)
     assert [step.negative for step in result.history] == between.astype(int).tolist()
     assert [step.status.success for step in result.history] == (~between).tolist()
+    assert {step.jump for step in result.history} == {None}
 
 
 def test_limit_points_are_found_to_many_digits():
@@ -108,26 +109,24 @@ def test_prescribed_displacements_have_limit_points():
     (limit,) = result.critical_points
     stopped = solve_static(block(0.4), steps=20, quiet=True, raise_on_failure=False)
     assert limit.kind == "limit point" and limit.resolved and stopped.t == pytest.approx(limit.t, rel=1e-3) and stopped.t < limit.t
-    K = result.system.free_dofs(result.system.supports.held)
-    values = np.linalg.eigvalsh(K.matrix(result.system.jacobian(limit.u, limit.t)).toarray())
+    K = tangent(result.system, limit.u, limit.t)
+    values = np.linalg.eigvalsh(K)
     assert abs(values[0]) < 1e-5 * values[-1] and values[1] > 100 * abs(values[0])
-    mode = K.matrix(result.system.jacobian(limit.u, limit.t)) @ limit.mode[K.free]
+    mode = K @ limit.mode[free_of(result.system)]
     assert np.abs(mode).max() < 1e-4 * values[-1]
 
 
 @pytest.mark.parametrize("solver", ["superlu", "pardiso"])
 def test_a_bifurcation_is_found_and_its_mode_leads_to_the_other_path(solver):
-    critical = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
-    system = column(1.3 * critical)
+    system = column(1.3 * CRITICAL)
     result = solve_static(system, steps=4, solver=solver, **OPTIONS)
     (point,) = result.critical_points
-    held = system.free_dofs(system.supports.held)
-    values = np.linalg.eigvalsh(held.matrix(system.jacobian(point.u, point.t)).toarray())
+    values = np.linalg.eigvalsh(tangent(system, point.u, point.t))
     assert point.kind == "bifurcation" and point.resolved and abs(values[0]) < 1e-9 * values[-1]
     below = solve_static(system, steps=4, quiet=True, raise_on_failure=False).critical_points
     assert [one.t for one in below] == pytest.approx([point.t], rel=1e-8), "load steps find it too"
     bent_mesh = (system.mesh.p + 0.02 * point.mode.reshape(-1, 2).T, system.mesh.t)
-    terms = [system.terms[0], Traction(lambda x: x[0] > 19.9, (-1.3 * critical, 0))]
+    terms = [system.terms[0], Traction(lambda x: x[0] > 19.9, (-1.3 * CRITICAL, 0))]
     buckled = solve_static(System(bent_mesh, terms, fixed={lambda x: x[0] < 1e-9: "xy"}), quiet=True)
     assert buckled.success and np.abs(buckled.u).max() > 5 and not buckled.critical_points
 
@@ -153,68 +152,21 @@ def test_under_follower_pressure_between_clamps_an_arch_snaps_and_eigenvalues_ar
     apex = np.flatnonzero((np.abs(mesh.p[0]) < 1e-9) & (mesh.p[1] > 0.12))
     result = solve_static(system, steps=20, stop=Stop(displacement=(apex, "y", -0.2)), **OPTIONS)
     assert {step.negative for step in result.history} == {0, 1}
-    free = np.setdiff1d(np.arange(system.ndofs), system.supports.held)
+    free = free_of(system)
     for step in result.history:
-        residual, J = system.residual(step.u, step.t), system.jacobian(step.u, step.t).toarray()[np.ix_(free, free)]
+        residual, J = system.residual(step.u, step.t), tangent(system, step.u, step.t)
         assert (np.linalg.eigvalsh((J + J.T) / 2) < 0).sum() == step.negative
         assert np.linalg.norm(residual[free]) < 1e-7 * np.linalg.norm(residual)
     first = result.critical_points[0]
     assert first.kind == "limit point" and first.resolved
-    J = system.free_dofs(system.supports.held).matrix(system.jacobian(first.u, first.t)).toarray()
-    values = np.linalg.svd(J, compute_uv=False)
+    values = np.linalg.svd(tangent(system, first.u, first.t), compute_uv=False)
     assert values[-1] < 1e-7 * values[0] and values[-2] > 100 * values[-1]
 
 
 def test_an_unstructured_beam_of_negative_orientation_follows_its_load():
     system = System(beam(), [StVK(young=1e4, poisson=0.3), NodalLoad([5], (0, 0, -30.0))], fixed={"wall": "xyz"})
     result = solve_static(system, steps=5, **OPTIONS)
-    assert (
-        result.success
-        and np.abs(system.residual(result.u)[np.setdiff1d(np.arange(system.ndofs), system.supports.held)]).max() < 1e-5
-    )
-
-
-@pytest.mark.parametrize(
-    ("stop", "what"),
-    [
-        ({}, "expected a load"),
-        ({"turns": 0}, "turns = 0"),
-        ({"states": True}, "states = True"),
-        ({"load": np.nan}, "load = nan"),
-    ],
-)
-def test_an_invalid_stop_is_refused(stop, what):
-    with pytest.raises(StvkError, match=what):
-        Stop(**stop)
-
-
-@pytest.mark.parametrize(
-    ("displacement", "what"),
-    [
-        (5, "a location, a component and a value"),
-        (([1], "z", 0.1), "component = 'z'"),
-        (([1], "xy", 0.1), "component = 'xy'"),
-        (([1], "y", np.inf), "finite displacement"),
-        (("apex", "y", 0.1), "apex"),
-        (([7], "y", 0.1), "7"),
-    ],
-)
-def test_an_invalid_location_is_refused_before_the_solve(displacement, what):
-    with pytest.raises(StvkError, match=what):
-        solve_static(bar(), stop=Stop(displacement=displacement), **OPTIONS)
-
-
-def test_parameters_that_do_not_go_together_are_refused():
-    with pytest.raises(StvkError, match="known: 'arc-length', 'load-steps'"):
-        solve_static(bar(), method="riks")
-    with pytest.raises(StvkError, match="with method='arc-length'"):
-        solve_static(bar(), stop=Stop(load=1.0))
-    with pytest.raises(StvkError, match=r"direct solver, 'superlu', 'pardiso'"):
-        solve_static(bar(), solver="amg-cg", **OPTIONS)
-    with pytest.raises(StvkError, match="t0 = 1"):
-        solve_static(bar(), t0=1.0)
-    with pytest.raises(StateError):
-        solve_static(bar(), u0=np.full(4, np.nan), **OPTIONS)
+    assert result.success and np.abs(system.residual(result.u)[free_of(system)]).max() < 1e-5
 
 
 def test_a_start_without_stiffness_is_refused_as_a_mechanism():
@@ -259,17 +211,17 @@ def test_loads_nonlinear_in_the_load_factor_are_followed():
 
     terms = [StVK(young=1e4, poisson=0.3), NodalLoad([40], lambda t: (0, 30 * t**3, 20 * np.sin(3 * t)))]
     system = System(mesh, terms, fixed={"wall": "xyz"}, prescribed={"tip": move})
-    result = solve_static(system, steps=5, rtol=1e-11, **OPTIONS)
+    result, by_steps = solve_static(system, steps=5, rtol=1e-11, **OPTIONS), solve_static(system, steps=20, rtol=1e-11, quiet=True)
     tip = np.unique(mesh.boundaries["tip"])
     assert result.success and len(result.history) > 3
-    for step in result.history:
+    for step in [*result.history, *by_steps.history]:
         np.testing.assert_allclose(step.u.reshape(-1, 3)[tip], move(mesh.p[:, tip], step.t).T, atol=1e-14)
-    np.testing.assert_allclose(result.u, solve_static(system, steps=20, rtol=1e-11, quiet=True).u, atol=1e-8)
+    np.testing.assert_allclose(result.u, by_steps.u, atol=1e-8)
 
 
 def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     """The direction of the path is `du/dt`, with moving supports and loads nonlinear in the load factor."""
-    from skfem_stvk.solvers.statics.predictor_corrector import path_tangent
+    from skfem_stvk.solvers.statics.equilibrium import path_tangent
 
     def move(x, t):
         return np.stack([0 * x[0], 0.5 * np.sin(2 * t) * x[1], -2 * t**2 + 0 * x[0]])
@@ -282,12 +234,6 @@ def test_the_rate_of_a_path_is_the_derivative_of_its_states():
     found = path_tangent(Equilibrium(system, SuperLU(), Stopwatch()), middle.u, 0.5)
     np.testing.assert_allclose(found.direction / found.rate, (second.u - first.u) / 2e-4, atol=1e-5)
     assert np.linalg.norm(found.direction) == pytest.approx(1)
-
-
-def test_a_body_without_response_to_the_load_is_reported():
-    system = System(beam(), [StVK(young=1e4, poisson=0.3), Traction("wall", (0, 0, -10.0))], fixed={"wall": "xyz"})
-    with pytest.raises(SolveError, match="no displacement changes as the load grows"):
-        solve_static(system, **OPTIONS)
 
 
 def test_a_path_that_begins_on_a_level_continues_until_it_returns_to_the_level():
@@ -346,11 +292,6 @@ def test_the_state_at_the_start_is_counted():
     assert len(result.history) == 3 and result.history[0].t == 0.3
 
 
-def test_a_stop_at_a_fixed_location_is_refused():
-    with pytest.raises(StvkError, match=r"component = 'x' is fixed at 1 vertex \(1\); expected a component that can move"):
-        solve_static(bar(), stop=Stop(displacement=([1], "x", 0.1)), **OPTIONS)
-
-
 def test_loads_are_not_evaluated_beyond_1():
     evaluated = []
 
@@ -378,14 +319,6 @@ def test_load_steps_report_where_the_body_snapped(steps):
         f"Between t = {before.t:.4g} and t = {snapped.t:.4g} it moved" in result.message and "snapped or buckled" in result.message
     )
     assert "jumped" in str(snapped) and "jumped" not in str(before)
-
-
-def test_a_body_that_bends_far_has_not_snapped():
-    for system in (bent(), block(0.2)):
-        result = solve_static(system, quiet=True)
-        assert max(step.jump for step in result.history if step.jump is not None) < 1
-        assert "snapped" not in result.message
-    assert {step.jump for step in solve_static(bar(), steps=20, **OPTIONS).history} == {None}
 
 
 def steep_arch():
@@ -424,12 +357,6 @@ def test_states_beyond_another_stop_are_not_resumed(tmp_path):
         solve_static(bar(), stop=Stop(load=0.01), resume=True, **call)
 
 
-@pytest.mark.parametrize("name", ["resume", "stability"])
-def test_switches_are_true_or_false(name):
-    with pytest.raises(StvkError, match=f"{name} = 'yes'; expected True or False"):
-        solve_static(bar(), **{name: "yes"}, **OPTIONS)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize(
     ("before", "after", "resolved", "hopped"),
@@ -460,7 +387,7 @@ def test_successful_steps_are_never_too_short_to_continue():
     """
     path = object.__new__(ArcLength)
     path.problem, path.u, path._initial = SimpleNamespace(states=Space(2)), np.zeros(2), np.zeros(2)
-    path._first, path._first_load, path._size = 1.0, 0.1, 1.0
+    path._first_load, path.next = 0.1, ArcLengthState(size=1.0, first=1.0)
     for _ in range(20):
         path._adapt(iterations=4, cosine=0.6)
-    assert path._size == SMALLEST
+    assert path.next.size == SMALLEST

@@ -10,13 +10,14 @@ import meshio
 import numpy as np
 import pytest
 import skfem
-from beams import beam, bent, block, column
+from beams import CRITICAL, LOAD, beam, bent, block, column
 from test_arc_length import bar
 
 from skfem_stvk import Corotated, Gravity, InvertibleStVK, NodalLoad, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.errors import StvkError
 from skfem_stvk.linear import AmgCg, SuperLU
 from skfem_stvk.results.monitors import Monitors
+from skfem_stvk.results.series import read_list
 from skfem_stvk.solvers.newton.stopwatch import Stopwatch
 from skfem_stvk.solvers.runs.outputs import OutputFiles
 from skfem_stvk.solvers.statics import Interrupted, SolveError, Step
@@ -28,7 +29,6 @@ from skfem_stvk.solvers.statics.load_steps import LoadSteps
 from skfem_stvk.solvers.statics.stop import StopCriterion
 from skfem_stvk.system.signature import Fingerprint
 
-CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
 
 
@@ -47,43 +47,65 @@ class Interruption(Exception):
     pass
 
 
-def stopped_after(monkeypatch, states, **call):
-    """Run a solve that is interrupted after the given number of saved states."""
-    original_add = checkpoint.PathCheckpoint.add
+def fill_disk(patch):
+    def full(*arguments, **options):
+        raise OSError(28, "No space left on device")
 
-    def add(self, step, saved):
-        original_add(self, step, saved)
-        if self._count == states:
-            raise Interruption
+    patch.setattr(np, "savez", full)
 
+
+def stopped_after(monkeypatch, states, act=Interruption, error=SolveError, **call):
+    """Run a solve in which `act` is called, or raised, after the given number of saved states; return its error."""
+    add = checkpoint.PathCheckpoint.add
     with monkeypatch.context() as patch:
-        patch.setattr(checkpoint.PathCheckpoint, "add", add)
-        with pytest.raises(SolveError):
+
+        def added(self, step, saved):
+            add(self, step, saved)
+            if self._count == states:
+                if isinstance(act, type):
+                    raise act
+                act(patch)
+
+        patch.setattr(checkpoint.PathCheckpoint, "add", added)
+        with pytest.raises(error) as caught:
             solve_static(**call)
+    return caught.value
 
 
 SCENES = {
-    "bending": (lambda: bent(), {"steps": 8}),
-    "crushing": (lambda: block(0.4, n=4), {"steps": 5}),
-    "snap-through": (lambda: bar(), {"steps": 20, "method": "arc-length"}),
-    "buckling": (lambda: column(1.3 * CRITICAL), {"steps": 4, "method": "arc-length"}),
-    "a start": (lambda: bent(), {"steps": 8, "u0": np.full(297, 1e-3), "t0": 0.1}),
+    "bending": {"steps": 8},
+    "crushing": {"steps": 5},
+    "snap-through": {"steps": 20, "method": "arc-length"},
+    "buckling": {"steps": 4, "method": "arc-length"},
+    "a start": {"steps": 8},
 }
 
 
 @pytest.mark.filterwarnings("ignore:From t")
 @pytest.mark.parametrize("scene", SCENES)
 def test_a_resumed_path_is_the_same_to_the_last_bit(tmp_path, monkeypatch, scene):
-    """A path resumed after each of the first states, or from its end, is bitwise identical."""
-    make, options = SCENES[scene]
-    options = OPTIONS | options
-    whole = solve_static(make(), **options)
-    for states in (1, 2, 3):
+    """A path resumed after one of the first states, or from its end, is bitwise identical."""
+    system, options = CONTINUATIONS[scene]()
+    options |= OPTIONS | SCENES[scene]
+    whole = solve_static(system, **options)
+    for states in (1, 3):
         call = {"checkpoint": tmp_path / f"path_{states}", **options}
-        stopped_after(monkeypatch, states, system=make(), **call)
-        same(whole, solve_static(make(), resume=True, **call))
+        stopped_after(monkeypatch, states, system=system, **call)
+        same(whole, solve_static(CONTINUATIONS[scene]()[0], resume=True, **call))
         assert len(list((tmp_path / f"path_{states}").glob("state_*.npz"))) == len(whole.history)
-    same(whole, solve_static(make(), resume=True, **call))
+    same(whole, solve_static(system, resume=True, **call))
+
+
+@pytest.mark.parametrize(
+    ("act", "error", "words"),
+    [(fill_disk, SolveError, "No space left"), (KeyboardInterrupt, Interrupted, "Interrupted at t")],
+    ids=["full disk", "Ctrl-C"],
+)
+def test_a_path_that_is_stopped_keeps_its_states(tmp_path, monkeypatch, act, error, words):
+    call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
+    stopped = stopped_after(monkeypatch, 2, act, error, system=bent(), **call)
+    assert words in str(stopped) and len(list((tmp_path / "path").glob("*.npz"))) == 2
+    same(solve_static(bent(), steps=8, **OPTIONS), solve_static(bent(), resume=True, **call))
 
 
 def test_a_path_is_resumed_to_another_stop(tmp_path):
@@ -112,7 +134,8 @@ def test_the_series_of_files_is_resumed(tmp_path, monkeypatch):
 def test_the_series_of_a_snap_through_counts_its_states(tmp_path):
     system = bar()
     result = solve_static(system, steps=20, method="arc-length", save=tmp_path / "bar.pvd", quiet=True)
-    assert len(list(tmp_path.glob("bar_*.vtu"))) == len(result.history)
+    assert [t for t, _ in read_list(tmp_path / "bar.pvd")] == list(range(1, len(result.history) + 1))
+    assert len(list(tmp_path.glob("bar_*.vtu"))) == len(result.history) and (np.diff(result.history.t) < 0).any()
     result.save(tmp_path / "again.pvd")
     assert len(list(tmp_path.glob("again_*.vtu"))) == len(result.history)
 
@@ -150,107 +173,64 @@ def test_other_files_are_replaced_only_on_request(tmp_path):
     assert len(list((tmp_path / "path").iterdir())) == len(result.history)
 
 
-def other_systems():
-    mesh = bent().mesh
-    material, weight, pull = bent().terms
-    wall = {"wall": "xyz"}
-    yield "the mesh", System(bent(n=3).mesh, bent().terms, fixed=wall)
-    yield "the elastic terms", System(mesh, [StVK(young=1.0001e4, poisson=0.3, density=1.0), weight, pull], fixed=wall)
-    yield "the loads", System(mesh, [material, Gravity(g=(0, 0, -5.001)), pull], fixed=wall)
-    yield "the loads", System(mesh, [material, weight, Traction("tip", (30.0, -20.0, -60.1))], fixed=wall)
-    yield "the supports", System(mesh, [material, weight, pull], fixed={"wall": "xyz", "tip": "x"})
-    yield "prescribed", System(mesh, [material, weight, pull], fixed=wall, prescribed={"tip": {"y": 0.1}})
+def loaded(n=2, moved=0.0, young=1e4, weight=-5.0, pull=LOAD, vertex=50, force=(0, 0, -3.0), move=0.1, **supports):
+    """Return a cantilever with a load of each kind; other arguments make another problem."""
+    mesh = beam(n)
+    p = mesh.p.copy()
+    p[:, 40] += moved
+    terms = [StVK(young=young, poisson=0.3, density=1.0), Gravity(g=(0, 0, weight)), Traction("tip", pull)]
+    supports = {"fixed": {"wall": "xyz"}, "prescribed": {"tip": {"x": move}}} | supports
+    mesh = type(mesh)(p, mesh.t, boundaries=dict(mesh.boundaries))
+    return System(mesh, [*terms, NodalLoad([vertex], force)], **supports)
 
 
-@pytest.mark.parametrize("number", range(6))
-def test_the_path_of_another_system_is_refused(tmp_path, number):
-    what, other = list(other_systems())[number]
-    solve_static(bent(), steps=3, checkpoint=tmp_path / "path", quiet=True)
+@pytest.fixture(scope="module")
+def saved_path(tmp_path_factory):
+    call = {"steps": 3, "t0": 0.1, "u0": np.full(297, 1e-3), "solver": "superlu", "quiet": True}
+    call["checkpoint"] = tmp_path_factory.mktemp("path") / "path"
+    solve_static(loaded(), **call)
+    return call
+
+
+@pytest.mark.parametrize(
+    ("changed", "what"),
+    [
+        ({"n": 3}, "the mesh"),
+        ({"moved": 1e-4}, "the mesh"),
+        ({"young": 1.0001e4}, "the elastic terms"),
+        ({"weight": -5.001}, "the loads"),
+        ({"pull": (30.0, -20.0, -60.1)}, "the loads"),
+        ({"pull": lambda t: LOAD * t**2}, r"the loads at t = 0.5 changed"),
+        ({"vertex": 51}, "the loads"),
+        ({"force": (0, 0, 3.0)}, "the loads"),
+        ({"force": (0, -3.0, 0)}, "the loads"),
+        ({"move": -0.1}, "prescribed"),
+        ({"prescribed": {"tip": {"x": 0.1, "y": 0.1}}}, "prescribed"),
+        ({"fixed": {"wall": "xyz", "tip": "y"}}, "the supports"),
+        ({"steps": 4}, "steps was"),
+        ({"rtol": 1e-6}, "rtol was"),
+        ({"solver": "pardiso"}, "solver was"),
+        ({"method": "arc-length"}, "method was"),
+        ({"u0": np.full(297, -1e-3)}, "u0"),
+        ({"t0": 0.2}, r"t0 was 0\.1 and is 0\.2"),
+    ],
+)
+def test_the_path_of_another_problem_is_refused(saved_path, changed, what):
+    of_system = {name: value for name, value in changed.items() if name not in ("steps", "rtol", "solver", "method", "u0", "t0")}
+    options = {name: value for name, value in changed.items() if name not in of_system}
+    call = saved_path | ({"u0": None} if "n" in changed else {}) | options
     with pytest.raises(StvkError, match=f"another problem: .*{what}"):
-        solve_static(other, steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True)
+        solve_static(loaded(**of_system), resume=True, **call)
 
 
-def test_another_mesh_of_the_same_size_is_refused(tmp_path):
-    system = bent()
-    solve_static(system, steps=3, checkpoint=tmp_path / "path", quiet=True)
-    p = system.mesh.p.copy()
-    p[:, 40] += 1e-4
-    mesh = type(system.mesh)(p, system.mesh.t, boundaries=dict(system.mesh.boundaries))
-    with pytest.raises(StvkError, match="another problem"):
-        solve_static(
-            System(mesh, system.terms, fixed={"wall": "xyz"}), steps=3, checkpoint=tmp_path / "path", resume=True, quiet=True
-        )
-
-
-@pytest.mark.parametrize("changed", [{"steps": 4}, {"rtol": 1e-6}, {"solver": "pardiso"}, {"method": "arc-length"}])
-def test_other_options_of_the_path_are_refused(tmp_path, changed):
-    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True, "solver": "superlu"}
-    solve_static(bent(), **call)
-    name = next(iter(changed))
-    with pytest.raises(StvkError, match=f"another problem: .*{name} was"):
-        solve_static(bent(), resume=True, **(call | changed))
-
-
-def test_files_that_cannot_be_read_are_named(tmp_path):
+@pytest.mark.parametrize("length", [0, 100])
+def test_files_that_cannot_be_read_are_named(tmp_path, length):
     call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
     solve_static(bent(), **call)
-    broken = sorted((tmp_path / "path").glob("state_*.npz"))[1]
-    broken.write_bytes(broken.read_bytes()[:100])
+    broken = tmp_path / "path" / "state_00001.npz"
+    broken.write_bytes(broken.read_bytes()[:length])
     with pytest.raises(StvkError, match=r"state_00001.npz cannot be read.*Remove it and all later states"):
         solve_static(bent(), resume=True, **call)
-
-
-def test_a_folder_that_cannot_be_created_is_refused_before_the_solve(tmp_path):
-    with pytest.raises(StvkError, match="cannot be written"):
-        solve_static(bent(), checkpoint=tmp_path / "missing" / "path", quiet=True)
-    (tmp_path / "file").write_text("")
-    with pytest.raises(StvkError, match="cannot be written"):
-        solve_static(bent(), checkpoint=tmp_path / "file", quiet=True)
-
-
-def test_resume_needs_a_folder():
-    with pytest.raises(StvkError, match="resume = True; expected a checkpoint"):
-        solve_static(bent(), resume=True)
-    with pytest.raises(StvkError, match="checkpoint = 3"):
-        solve_static(bent(), checkpoint=3)
-
-
-def test_a_full_disk_keeps_the_saved_states(tmp_path, monkeypatch):
-    def full(*arguments, **options):
-        raise OSError(28, "No space left on device")
-
-    call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
-    original_add = checkpoint.PathCheckpoint.add
-
-    def add(self, step, saved):
-        if self._count == 2:
-            monkeypatch.setattr(np, "savez", full)
-        original_add(self, step, saved)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(checkpoint.PathCheckpoint, "add", add)
-        with pytest.raises(SolveError, match="No space left"):
-            solve_static(bent(), **call)
-    monkeypatch.undo()
-    assert len(list((tmp_path / "path").glob("*.npz"))) == 2
-    assert solve_static(bent(), resume=True, **call).success
-
-
-def test_ctrl_c_keeps_the_states(tmp_path, monkeypatch):
-    original_add = checkpoint.PathCheckpoint.add
-
-    def add(self, step, saved):
-        original_add(self, step, saved)
-        if self._count == 2:
-            raise KeyboardInterrupt
-
-    call = {"steps": 8, "checkpoint": tmp_path / "path", **OPTIONS}
-    with monkeypatch.context() as patch:
-        patch.setattr(checkpoint.PathCheckpoint, "add", add)
-        with pytest.raises(Interrupted) as stopped:
-            solve_static(bent(), **call)
-    assert len(stopped.value.result.history) == 2
-    same(solve_static(bent(), steps=8, **OPTIONS), solve_static(bent(), resume=True, **call))
 
 
 RUN = """
@@ -282,35 +262,6 @@ def test_a_killed_run_keeps_its_states(tmp_path):
     same(solve_static(bent(n=3), **options), resumed)
 
 
-def pushed(vertex, force, move):
-    mesh = bent().mesh
-    terms = [StVK(young=1e4, poisson=0.3), NodalLoad([vertex], force)]
-    return System(mesh, terms, fixed={"wall": "xyz"}, prescribed={"tip": {"x": move}})
-
-
-@pytest.mark.parametrize(
-    ("changed", "what"),
-    [
-        ({"vertex": 51}, "loads"),
-        ({"force": (0, 0, 3.0)}, "loads"),
-        ({"move": -0.1}, "prescribed"),
-        ({"force": (0, -3.0, 0)}, "loads"),
-    ],
-)
-def test_a_load_at_another_location_or_of_another_sign_is_refused(tmp_path, changed, what):
-    given = {"vertex": 50, "force": (0, 0, -3.0), "move": 0.1}
-    solve_static(pushed(**given), steps=2, checkpoint=tmp_path / "path", quiet=True)
-    with pytest.raises(StvkError, match=f"another problem: .*{what}"):
-        solve_static(pushed(**(given | changed)), steps=2, checkpoint=tmp_path / "path", resume=True, quiet=True)
-
-
-def test_another_start_is_refused(tmp_path):
-    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
-    solve_static(bent(), u0=np.full(297, 1e-3), **call)
-    with pytest.raises(StvkError, match="another problem: u0"):
-        solve_static(bent(), u0=np.full(297, -1e-3), resume=True, **call)
-
-
 @pytest.mark.parametrize("stop", [{"states": 5}, {"turns": 1}])
 def test_a_stop_that_was_passed_ends_the_path_at_once(tmp_path, monkeypatch, stop):
     from skfem_stvk.solvers.statics import stop as stops
@@ -340,14 +291,6 @@ def test_a_state_that_is_missing_is_named_and_nothing_is_overwritten(tmp_path):
     assert saved_before == {file: file.read_bytes() for file in (tmp_path / "path").iterdir()}
 
 
-def test_an_empty_file_is_named(tmp_path):
-    call = {"steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
-    solve_static(bent(), **call)
-    (tmp_path / "path" / "state_00001.npz").write_bytes(b"")
-    with pytest.raises(StvkError, match=r"state_00001.npz cannot be read"):
-        solve_static(bent(), resume=True, **call)
-
-
 def test_a_series_requested_on_resume_has_all_states_and_no_older_ones(tmp_path):
     call = {"steps": 6, "checkpoint": tmp_path / "path", "overwrite": True, "quiet": True}
     solve_static(bent(load=(0, 0, -1.0)), steps=40, save=tmp_path / "bent.pvd", quiet=True)
@@ -369,28 +312,14 @@ def continuation_of(system, method, steps, u0=None, t0=0.0, solver=None, stabili
 
 def state_of(continuation):
     """Return all numbers and arrays that determine the next states of a continuation."""
-    numbers = {
-        "t": continuation.t,
-        "size": continuation._size,
-        "first": continuation._first,
-        "reached": continuation.reached,
-        "allowed": continuation._allowed,
-    }
-    point = continuation._point
-    numbers |= {"largest": continuation.problem.largest, "point t": point.t, "negative": point.negative, "lowest": point.lowest}
+    point, numbers = continuation._point, vars(continuation.saved()) | {"t": continuation.t, "allowed": continuation._allowed}
+    numbers |= {"point t": point.t, "negative": point.negative, "lowest": point.lowest}
     arrays = {"u": continuation.u, "point u": point.u}
-    if isinstance(continuation, ArcLength):
-        numbers |= {"turns": continuation._limit_points, "states": continuation._states}
-        if continuation._tangent is not None:
-            numbers |= {"rate": continuation._tangent.rate, "ahead": continuation._tangent.negative}
-            arrays["direction"] = continuation._tangent.direction
-    else:
-        numbers |= {
-            "full first": continuation._full_first,
-            "before": None if continuation._previous is None else continuation._previous[0],
-        }
-        if continuation._previous is not None:
-            arrays["u before"] = continuation._previous[1]
+    if isinstance(continuation, LoadSteps):
+        numbers["before"], arrays["u before"] = continuation._previous.t, continuation._previous.u
+    elif continuation._tangent is not None:
+        numbers |= {"rate": continuation._tangent.rate, "ahead": continuation._tangent.negative}
+        arrays["direction"] = continuation._tangent.direction
     return numbers, arrays
 
 
@@ -450,31 +379,6 @@ def test_after_each_state_a_restored_continuation_has_the_same_state(tmp_path, s
     assert found >= 2
 
 
-def test_a_load_with_another_growth_is_refused(tmp_path):
-    def system(power):
-        terms = [StVK(young=1e4, poisson=0.3), Traction("tip", lambda t: (0, 0, -20 * t**power))]
-        return System(bent().mesh, terms, fixed={"wall": "xyz"})
-
-    solve_static(system(1), steps=2, checkpoint=tmp_path / "path", quiet=True)
-    with pytest.raises(StvkError, match=r"the loads at t = 0.5 changed"):
-        solve_static(system(2), steps=2, checkpoint=tmp_path / "path", resume=True, quiet=True)
-
-
-def test_another_load_factor_at_the_start_is_refused(tmp_path):
-    call = {"u0": np.zeros(297), "steps": 3, "checkpoint": tmp_path / "path", "quiet": True}
-    solve_static(bent(), t0=0.1, **call)
-    with pytest.raises(StvkError, match=r"another problem: t0 was 0\.1 and is 0\.2"):
-        solve_static(bent(), t0=0.2, resume=True, **call)
-
-
-def test_files_of_a_path_with_falling_load_are_in_its_order(tmp_path):
-    import xml.etree.ElementTree as ET
-
-    solve_static(bar(), steps=20, method="arc-length", stop=Stop(turns=1), save=tmp_path / "bar.pvd", quiet=True)
-    times = [float(item.attrib["timestep"]) for item in ET.parse(tmp_path / "bar.pvd").iter("DataSet")]
-    assert times == list(range(1, len(times) + 1))
-
-
 @pytest.mark.parametrize("law", [{"rotation": "vertex"}, {"extend": "stress"}])
 def test_a_path_of_a_body_without_an_energy_is_resumed(tmp_path, law):
     mesh, kind = beam(1), Corotated if "rotation" in law else InvertibleStVK
@@ -489,7 +393,7 @@ def test_a_path_of_a_body_without_an_energy_is_resumed(tmp_path, law):
     np.testing.assert_array_equal(again.u, first.u)
 
 
-@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "ssor-cg", "block-jacobi-cg"])
+@pytest.mark.parametrize("solver", ["amg-cg", "ssor-cg", "block-jacobi-cg"])  # a direct one above
 def test_a_path_is_resumed_bitwise_with_each_solver(solver, tmp_path):
     mesh = skfem.MeshTet.init_tensor(np.linspace(0, 3, 14), np.linspace(0, 1.1, 5), np.linspace(0, 0.9, 5))
     law = StVK(young=2e6, poisson=0.3, density=1e3)

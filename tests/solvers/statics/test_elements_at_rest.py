@@ -8,7 +8,7 @@ from skfem.helpers import ddot, sym_grad, trace
 
 from skfem_stvk import BodyForce, ElasticFoundation, ElementMesh, Gravity, Pressure, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.edges.materials import Hypothesis, Isotropic
-from skfem_stvk.mesh.rules import rule_of
+from skfem_stvk.mesh.points import rule_of
 
 SOLID = [name for name, mesh in CURVED.items() if scikit_fem_of(mesh)]
 SECTION = {2: {"thickness": 0.3}, 3: {}}

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from beams import beam, bent, block, column
 
-from skfem_stvk import ElasticFoundation, Gravity, Isotropic, Pressure, StVK, System, Traction, solve_static
-from skfem_stvk.errors import LoadError, RegionError, StateError, StvkError, SupportError
+from skfem_stvk import ElasticFoundation, Gravity, Pressure, StVK, System, Traction, solve_static
+from skfem_stvk.errors import LoadError, StvkError
 from skfem_stvk.linear import SuperLU
 from skfem_stvk.solvers.statics import Interrupted, SolveError, Status
-from skfem_stvk.solvers.statics import path_outputs as outputs
+from skfem_stvk.terminal import Progress
 
 MATERIAL = StVK(young=1e4, poisson=0.3, density=1.0)
 PULL = Traction("tip", (0, 0, -1.0))
@@ -43,17 +43,15 @@ def test_the_record_of_a_step_is_complete(result):
     assert np.array_equal(result.history[-1].u, result.u) and result.history.u.shape == (len(result.history), len(result.u))
 
 
-def test_energies_add_up_to_the_potential(result):
-    assert sum(result.energies().values()) == pytest.approx(result.system.potential(result.u), rel=1e-12)
-    assert result.history[-1].potential == pytest.approx(result.system.potential(result.u), rel=1e-12)
+def test_energies_add_up_to_the_potential_at_the_load_factor(result):
+    system, u = result.system, result.u
+    assert result.energies() == system.energies(u, 1.0) and result.history[-1].potential == pytest.approx(system.potential(u))
+    for t in (0.3, 1.0):
+        assert sum(system.energies(u, t).values()) == pytest.approx(system.potential(u, t), rel=1e-12)
 
 
 def test_reactions_by_location(result):
     np.testing.assert_allclose(result.reaction().resultant, result.reaction(lambda x: x[0] == 0).resultant)
-    with pytest.raises(SupportError, match="reaction: no support and no foundation acts at 'tip'"):
-        result.reaction("tip")
-    with pytest.raises(RegionError, match=r"'wall'"):
-        result.reaction("wal")
 
 
 def bedded(*loads, **supports):
@@ -100,10 +98,6 @@ def test_loads_and_reactions_of_supports_and_foundations_are_in_balance(supports
 def test_stress_by_element_and_node(result):
     mesh = result.system.mesh
     assert result.stress("cauchy").shape == (mesh.nt, 3, 3) and result.stress("von_mises", at="nodes").shape == (mesh.nv,)
-    with pytest.raises(StvkError, match="pk1"):
-        result.stress("piola")
-    with pytest.raises(StvkError, match="known: 'elements', 'nodes'"):
-        result.stress("cauchy", at="vertices")
 
 
 def test_saved_files_hold_the_displacements(result, tmp_path):
@@ -124,11 +118,11 @@ def test_states_are_saved_as_they_are_found(tmp_path):
 
 
 def test_ctrl_c_keeps_the_states_so_far(monkeypatch):
-    def interrupt(self, outcome):
-        if outcome.t > 0.3:
+    def interrupt(self, line):
+        if line.startswith("t ") and float(line.split()[1]) > 0.3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(outputs.PathProgress, "line", interrupt)
+    monkeypatch.setattr(Progress, "print", interrupt)
     with pytest.raises(KeyboardInterrupt) as caught:
         solve_static(bent(), steps=10, quiet=True)
     assert isinstance(caught.value, Interrupted)
@@ -144,15 +138,17 @@ def test_a_load_that_fails_during_the_solve_keeps_the_states_so_far():
 
     system = System(beam(), [MATERIAL, Traction("tip", push)], fixed=WALL)
     with pytest.raises(SolveError, match=r"Interrupted at t = 0.*no load there") as failure:
-        solve_static(system, steps=10, quiet=True)
+        solve_static(system, steps=10, quiet=True, raise_on_failure=False)
     assert len(failure.value.result.history) >= 2 and isinstance(failure.value.__cause__, LoadError)
 
 
 def test_results_and_errors_can_be_pickled(result):
     again = pickle.loads(pickle.dumps(result))
     np.testing.assert_array_equal(again.u, result.u)
+    assert result == result and again != result and isinstance(hash(result), int) and len(again.history) == len(result.history)
+    assert result.history[0] in result.history and len(repr(result.history[0])) < 500
     error = pickle.loads(pickle.dumps(SolveError(result)))
-    assert error.result.status is result.status
+    assert error.result.status is result.status and isinstance(error, StvkError) and isinstance(error, RuntimeError)
 
 
 def test_the_text_of_a_result_has_its_outcome(result):
@@ -181,58 +177,6 @@ def test_a_matrix_free_solve_creates_no_pattern():
 def test_iterative_solvers_are_only_as_precise_as_newton_needs():
     linear = solve_static(bent(), steps=1, solver="block-jacobi-cg", quiet=True).history[-1].iterations.linear
     assert min(linear) < 0.3 * max(linear)
-
-
-@pytest.mark.parametrize(
-    ("make", "error", "message"),
-    [
-        (lambda: System(beam(), [MATERIAL], fixed=WALL), LoadError, "Nothing acts on the body"),
-        (lambda: System(beam(), [MATERIAL, PULL]), SupportError, r"Not held: .*6 rigid modes.*translation along x.*rotation"),
-        (
-            lambda: System(beam(), [MATERIAL, PULL], fixed={"wall": "xy"}),
-            SupportError,
-            r"has 1 rigid mode left, translation along z\.",
-        ),
-        (lambda: System(beam(), [MATERIAL, PULL], fixed=WALL, dtype=np.float32), StvkError, "float32.*float64"),
-    ],
-)
-def test_unsolvable_problems_are_refused_before_the_solve(make, error, message):
-    with pytest.raises(error, match=message):
-        solve_static(make(), quiet=True)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"steps": 0}, "steps = 0; expected a whole number"),
-        ({"steps": 2.5}, "steps = 2.5"),
-        ({"rtol": 0.0}, "rtol = 0.0"),
-        ({"rtol": float("nan")}, "rtol = nan"),
-        ({"solver": "mumps"}, "solver = 'mumps'; expected 'auto', 'superlu'"),
-        ({"u0": np.zeros(5)}, r"shape \(5,\)"),
-        ({"save": "nowhere/at/all.pvd"}, "nowhere"),
-    ],
-)
-def test_invalid_parameters_are_refused(options, message):
-    with pytest.raises(StvkError, match=message):
-        solve_static(bent(), quiet=True, **options)
-
-
-def test_a_start_with_nan_is_refused():
-    system = bent()
-    with pytest.raises(StateError, match="not finite in 1 entry"):
-        solve_static(system, u0=np.where(np.arange(system.ndofs) == 3, np.nan, 0.0), quiet=True)
-
-
-def test_bad_supports_loads_and_materials_are_refused():
-    with pytest.raises(RegionError, match=r"'wal'.*'wall'"):
-        System(beam(), [MATERIAL], fixed={"wal": "xyz"})
-    with pytest.raises(RegionError, match=r"'tipp'.*'tip'"):
-        System(beam(), [MATERIAL, Traction("tipp", (0, 0, 1.0))])
-    with pytest.raises(StvkError, match="fixed and prescribed"):
-        System(beam(), [MATERIAL], fixed=WALL, prescribed={"wall": {"x": 0.1}})
-    with pytest.raises(ValueError, match="density"):
-        System(beam(), [StVK(Isotropic(1e4, 0.3)), Gravity(g=(0, 0, -9.81))])
 
 
 def test_a_solve_in_the_plane_prints_its_hypothesis():

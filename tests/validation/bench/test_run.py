@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from skfem_stvk import StvkError, System
-from skfem_stvk.referee.peers import PEERS
-from skfem_stvk.referee.peers.peer import Package
+from skfem_stvk.referee.peers import PEERS, Package
 from skfem_stvk.terminal import as_text
 from validation.bench import Plan, bench, contenders, control, costs, run
 from validation.bench.contenders import our_calls
