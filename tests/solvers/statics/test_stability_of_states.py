@@ -11,7 +11,7 @@ from scipy.sparse.linalg import eigsh
 
 from skfem_stvk import ElementMesh, Pressure, Stop, StVK, System, Traction, solve_static
 from skfem_stvk.linear import AmgCg, Outcome, Pardiso, SuperLU, Unknowns
-from skfem_stvk.linear.inertia import Inertia, inertia, shifted
+from skfem_stvk.linear.choose import Inertia, inertia, shifted
 from skfem_stvk.linear.pardiso import PardisoFactors
 from skfem_stvk.solvers.newton import stability
 from skfem_stvk.solvers.newton.stability import lowest_mode, real_eigenvalues, stability_of
