@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arguments import Array
-from .errors import StateError
+from .errors import StateError, StvkError
 
 Number = TypeVar("Number", float, Array)
 Item = TypeVar("Item")
@@ -120,6 +120,14 @@ class Communicator:
         total, errors = self.total(np.array([nan if found is None else found, error is not None], dtype=np.float64))
         self._raise_in_all(error, bool(errors))
         return float(total)
+
+    def refuse_divided(self, what: str, expected: str, reason: str) -> None:
+        """Refuse an analysis or an option `what` of a body that is divided into parts, with the expected value and the reason.
+
+        >>> Communicator().refuse_divided("stability = True", "False", "K is not factorised.")
+        """
+        if self.divided:
+            raise StvkError(f"{what}; expected {expected} for a body that is divided into parts: {reason}")
 
     def _raise_in_all(self, error: StateError | None, raised: bool) -> None:
         if raised:

@@ -11,9 +11,6 @@ from slow import mark_all_but_few
 settings.register_profile("house", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("house")
 
-# From Python 3.12 on, numba reports kernel calls only if this is set before its import (`kernels.parts.kernels_run`).
-os.environ["NUMBA_ENABLE_SYS_MONITORING"] = "1"
-
 
 def pytest_report_header() -> str:
     """Return the line of the report header that names the seeds of random numbers."""

@@ -72,7 +72,7 @@ def test_a_run_goes_on_and_keeps_its_results_if_it_cannot_print(analysis, sink, 
     assert "stderr" in streams or without_notes(done.stderr) == []
 
 
-@pytest.mark.few(1)
+@pytest.mark.slow
 @pytest.mark.parametrize("sink", SINKS)
 def test_a_sweep_goes_on_if_it_cannot_print(sink, tmp_path):
     (tmp_path / "body.toml").write_text(SCENE + ANALYSES["static"])

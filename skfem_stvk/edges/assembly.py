@@ -214,9 +214,9 @@ class Assembly(PairTerm, BoundElements):
     @locked
     def smallest_volume_ratio(self, u: Array) -> float:
         """Return the smallest entry of `volume_ratios(u)`. For linear simplices this costs half as much as F."""
-        self.elements.gather(u)
         if self.removed is not None:
-            return min(float(self._volume_ratios(points).min()) for points in self._checked_at)
+            return float(self.volume_ratios(u).min())
+        self.elements.gather(u)
         return min(self._smallest_volume_ratio(points, np.empty(0)) for points in self._checked_at)
 
     @locked

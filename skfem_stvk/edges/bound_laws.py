@@ -15,7 +15,7 @@ from ..errors import StvkError
 from ..kernels import element_assembly as element_kernels
 from ..kernels import node_blocks as block_kernels
 from ..kernels import reduced as reduced_kernels
-from ..kernels import stretches as stretch_kernels
+from ..kernels import volumes as volume_kernels
 from ..kernels.corotated_law import WarpedLaw
 from ..kernels.discrete_gradient import DiscreteGradient
 from ..kernels.element_assembly import MeanStress, StressOfRates
@@ -159,7 +159,7 @@ class BoundStVK(Assembly):
         elements = self.elements
         elements.gather(u)
         arrays = elements.t.ravel(), elements.at_points, elements.X, elements.u
-        return min(run(stretch_kernels.smallest_stretches, elements.force_shares.parts, *arrays, elements.k, out))
+        return min(run(volume_kernels.smallest_stretches, elements.force_shares.parts, *arrays, elements.k, out))
 
     def strain_products(self, fields: Array, most: int) -> Iterator[Array]:
         """Yield rows as in `BoundElements`. The rows of removed elements are zero."""

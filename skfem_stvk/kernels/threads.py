@@ -42,20 +42,11 @@ def threads() -> int:
     return count
 
 
-class CopyableLock:
+class CopyableLock(type(RLock())):  # type: ignore[misc]  # the class that `RLock` makes
     """Lock for scratch arrays that calls share, held by one Python thread at a time.
 
-    A copy, or one in another process, has its own lock.
+    A copy, or one in another process, is a new lock.
     """
-
-    def __init__(self) -> None:
-        self._lock = RLock()
-
-    def __enter__(self) -> None:
-        self._lock.acquire()
-
-    def __exit__(self, *exception: object) -> None:
-        self._lock.release()
 
     def __reduce__(self) -> tuple[type[CopyableLock], tuple[()]]:
         return CopyableLock, ()
@@ -83,7 +74,7 @@ def parts_of(count: int, each: float, threads: int) -> NDArray[np.int64]:
 
 def run(kernel: Callable[..., Result], parts: NDArray[np.int64], *arguments: Any) -> list[Result]:
     """Run `kernel(begin, end, *arguments)` for all parts in parallel, and return the results in the order of the parts."""
-    (begin, end), *others = [(int(begin), int(end)) for begin, end in pairwise(parts)]
+    (begin, end), *others = pairwise(parts.tolist())
     if not others:
         return [kernel(begin, end, *arguments)]
     try:

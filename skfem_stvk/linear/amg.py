@@ -11,9 +11,8 @@ from ..errors import StvkError
 from ..kernels.threads import locked, parts_of, threads
 from .block_matrices import VertexRows
 from .cg import conjugate_gradients, dot
-from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
 from .multigrid import SINGLE, Hierarchy, Level
-from .solver import Kind, Solution, Unknowns, Vector, structure_of
+from .solver import CheckedAnalysis, CheckedFactors, Kind, Solution, Unknowns, Vector, structure_of
 
 #: Largest number of iterations.
 MAX_ITERATIONS = 1000
@@ -54,15 +53,14 @@ class AmgCg:
         StvkError
             if there is no near-null space, or K does not have a full block for each pair of vertices that it couples.
         """
-        return AmgAnalysis(self, checked_unknowns(unknowns))
+        return AmgAnalysis(self, unknowns)
 
 
-class AmgAnalysis:
+class AmgAnalysis(CheckedAnalysis):
     """Arrays for K in blocks, and the hierarchy. Both are retained between Newton steps."""
 
     def __init__(self, solver: AmgCg, unknowns: Unknowns) -> None:
-        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
-        self._lock = self._latest.lock
+        super().__init__(solver, unknowns)
         if unknowns.near_null_space is None:
             raise StvkError("near_null_space = None; expected a function that returns the rigid motions: multigrid needs them.")
         self.rows = VertexRows(unknowns)
@@ -79,40 +77,37 @@ class AmgAnalysis:
     @locked
     def factorise(self, K: Any, kind: Kind) -> AmgFactors:
         """Compute the values of all levels. Build a hierarchy if there is none, or if the last one has become slow."""
-        check_kind(self._solver, kind)
-        values = checked_values(K, self._unknowns)
-        number = self._latest.next()
+        values = self.begin_with(K, kind)
         size = float(np.abs(values[self._diagonal]).mean())
         scale = 1 / size if size > 0 else 1.0
         self.rows.fill(values, scale, self.finest.blocks, self.finest.single)
         if self.hierarchy is None or self.pace.is_slow:
-            modes = self.rows.padded(_modes(self._unknowns))
+            modes = self.rows.padded(_modes(self.unknowns))
             self.hierarchy, self.pace = Hierarchy(self.finest, modes, scale, self.rows.midpoints()), Pace()
         else:
             self.hierarchy.refresh(scale)
-        return AmgFactors(self, self._latest, number, self.pace)
+        return AmgFactors(self)
 
 
-class AmgFactors:
+class AmgFactors(CheckedFactors):
     """Hierarchy with the values of one matrix."""
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, analysis: AmgAnalysis, latest: LatestFactors, number: int, pace: Pace) -> None:
-        self._analysis, self._latest, self._number, self._pace = analysis, latest, number, pace
+    _analysis: AmgAnalysis
+
+    def __init__(self, analysis: AmgAnalysis) -> None:
+        super().__init__(analysis)
         self._single = np.empty_like(analysis.finest.x)
         self._product = np.empty(len(self._single))
 
-    @latest_only
-    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+    def _solve(self, b: Vector, rtol: float, x0: Vector | None, out: Vector | None) -> Solution:
         """Solve by conjugate gradients. Each iteration has a product in double precision and a cycle in single precision."""
         rows = self._analysis.rows
-        b, rtol, x0 = checked_right(b, rows.n, rtol, x0, out)
-        b = rows.padded(b)
         start = None if x0 is None else rows.padded(x0)
-        found = conjugate_gradients(self._multiply, self._precondition, b, rtol, MAX_ITERATIONS, start)
-        self._pace.record(found)
-        return written_to(replace(found, x=rows.unpadded(found.x)), out)
+        found = conjugate_gradients(self._multiply, self._precondition, rows.padded(b), rtol, MAX_ITERATIONS, start)
+        self._analysis.pace.record(found)
+        return replace(found, x=rows.unpadded(found.x))
 
     def _multiply(self, x: Vector) -> Vector:
         finest = self._analysis.finest

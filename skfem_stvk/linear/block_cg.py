@@ -17,8 +17,18 @@ from ..kernels.threads import locked, parts_of, run, threads
 from ..space import Space
 from .block_matrices import BlockStructure, VertexRows
 from .cg import MAX_ITERATIONS, EdgeCg, EdgeFactors, conjugate_gradients
-from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
-from .solver import EdgeBlocks, Kind, LinearSolver, Operator, Solution, Unknowns, Vector
+from .solver import (
+    CheckedAnalysis,
+    CheckedFactors,
+    EdgeBlocks,
+    Kind,
+    LinearSolver,
+    Operator,
+    Solution,
+    Unknowns,
+    Vector,
+    latest_only,
+)
 
 
 @dataclass(frozen=True)
@@ -76,16 +86,15 @@ class BlockJacobiCg:
         StvkError
             if K is to be assembled, and its structure is missing, or lacks a full block for a pair of vertices that it couples.
         """
-        checked_unknowns(unknowns)
         return AssembledAnalysis(self, unknowns, self.omega) if self.assembled else BlockJacobiAnalysis(self, unknowns)
 
 
-class BlockJacobiAnalysis:
+class BlockJacobiAnalysis(CheckedAnalysis):
     """Indices of the unknowns in the diagonal blocks."""
 
     def __init__(self, solver: BlockJacobiCg, unknowns: Unknowns) -> None:
-        self._solver, self._unknowns, self.n, self._latest = solver, unknowns, unknowns.n, LatestFactors()
-        self._lock = self._latest.lock
+        super().__init__(solver, unknowns)
+        self._omega = solver.omega
         self._vertices, row = np.unique(unknowns.vertex, return_inverse=True)
         self._row, self._component = row.ravel(), unknowns.component
         self.unknown_indices = 3 * self._row + self._component
@@ -95,15 +104,15 @@ class BlockJacobiAnalysis:
     @locked
     def factorise(self, K: Operator, kind: Kind) -> BlockJacobiFactors | EdgeFactors:
         """Invert the diagonal blocks. K itself is not copied, so it must not change while the factors are used."""
-        check_kind(self._solver, kind)
+        self.begin(kind)
         if not hasattr(K, "matvec") or not hasattr(K, "diagonal_blocks"):
-            raise StvkError(f"K = {shown(K)}; '{self._solver.name}' expects an operator with matvec(v) and diagonal_blocks().")
+            raise StvkError(f"K = {shown(K)}; '{self.solver.name}' expects an operator with matvec(v) and diagonal_blocks().")
         by_edges = K.by_edges() if hasattr(K, "by_edges") else None
         search = None if by_edges is None else self._search_on(by_edges)
         if by_edges is not None and search is not None:
             search.shift(by_edges)
-            return EdgeFactors(search, self.n, self._latest)
-        return BlockJacobiFactors(self, K, self._inverse_of(K), self._latest)
+            return EdgeFactors(self, search)
+        return BlockJacobiFactors(self, K, self._inverse_of(K))
 
     def _inverse_of(self, K: Operator) -> Vector:
         """Return `_inverted` of the diagonal blocks of K, which are finite in all parts of a divided body."""
@@ -116,10 +125,10 @@ class BlockJacobiAnalysis:
         if self._edges is not K.edges:
             number = np.full(max(K.vertices.max(), self._vertices[-1]) + 1, -1)
             number[K.vertices] = np.arange(len(K.vertices))
-            indices = 3 * number[self._unknowns.vertex] + self._component
+            indices = 3 * number[self.unknowns.vertex] + self._component
             self._edges, self._search = K.edges, None
             if indices.min() >= 0:
-                self._search = EdgeCg(K.edges, K.vertices, indices, assembled=False, omega=self._solver.omega)
+                self._search = EdgeCg(K.edges, K.vertices, indices, assembled=False, omega=self._omega)
         return self._search
 
     def _inverted(self, diagonal: Vector) -> Vector:
@@ -141,26 +150,23 @@ class BlockJacobiAnalysis:
         return inverse
 
 
-class BlockJacobiFactors:
+class BlockJacobiFactors(CheckedFactors):
     """Operator with the inverses of its diagonal blocks."""
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, analysis: BlockJacobiAnalysis, K: Operator, inverse: Vector, latest: LatestFactors) -> None:
-        self._analysis, self._K, self._inverse = analysis, K, inverse
-        self._latest, self._number = latest, latest.next()
+    _analysis: BlockJacobiAnalysis
+
+    def __init__(self, analysis: BlockJacobiAnalysis, K: Operator, inverse: Vector) -> None:
+        super().__init__(analysis)
+        self._K, self._inverse = K, inverse
         self._space = getattr(K, "space", None)
         self._padded, self._out = np.zeros(len(inverse) // 3), np.empty(len(inverse) // 3)
         self._parts: NDArray[np.int64] = parts_of(len(inverse) // 9, 1, threads())
 
-    @latest_only
-    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+    def _solve(self, b: Vector, rtol: float, x0: Vector | None, out: Vector | None) -> Solution:
         """Solve by conjugate gradients, with one product per iteration."""
-        n = self._analysis.n
-        b, rtol, x0 = checked_right(b, n, rtol, x0, out)
-        return written_to(
-            conjugate_gradients(self._multiply, self.precondition, b, rtol, MAX_ITERATIONS, x0, space=self._space), out
-        )
+        return conjugate_gradients(self._multiply, self.precondition, b, rtol, MAX_ITERATIONS, x0, space=self._space)
 
     @latest_only
     def precondition(self, r: Vector) -> Vector:
@@ -173,12 +179,11 @@ class BlockJacobiFactors:
         return np.asarray(self._K.matvec(v), dtype=np.float64)
 
 
-class AssembledAnalysis:
+class AssembledAnalysis(CheckedAnalysis):
     """Edges of the graph of K, and arrays for the values."""
 
     def __init__(self, solver: LinearSolver, unknowns: Unknowns, omega: float) -> None:
-        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
-        self._lock = self._latest.lock
+        super().__init__(solver, unknowns)
         self._rows = VertexRows(unknowns)
         self._above = BlockStructure.of(triu(self._rows.graph, 1, format="csr"))
         edges = np.stack([self._above.block_rows(), self._above.columns], axis=1)
@@ -188,12 +193,11 @@ class AssembledAnalysis:
     @locked
     def factorise(self, K: Any, kind: Kind) -> EdgeFactors:
         """Copy the values, and invert the diagonal blocks."""
-        check_kind(self._solver, kind)
-        values, rows, search = checked_values(K, self._unknowns), self._rows, self._search
+        values, rows, search = self.begin_with(K, kind), self._rows, self._search
         unknowns = rows.first, rows.row, rows.component, K.indptr, K.indices, values
         fill_edges(self._above.rows, self._above.columns, *unknowns, self._blocks, search.diagonal)
         search.fill(self._blocks)
-        return EdgeFactors(search, self._unknowns.n, self._latest)
+        return EdgeFactors(self, search)
 
 
 @dataclass(frozen=True)

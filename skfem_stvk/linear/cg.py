@@ -19,8 +19,7 @@ from ..kernels import sparse as products
 from ..kernels.compiled import Ids
 from ..kernels.threads import parts_of, run, threads
 from ..space import Space
-from .checks import LatestFactors, checked_right, latest_only, written_to
-from .solver import NO_BLOCKS, NO_ROWS, EdgeBlocks, Outcome, Solution, Vector
+from .solver import NO_BLOCKS, NO_ROWS, CheckedAnalysis, CheckedFactors, EdgeBlocks, Outcome, Solution, Vector, latest_only
 
 Map = Callable[[Vector], Vector]
 #: Largest number of iterations. On slender bodies, iterations grow at least as fast as the number of elements along them.
@@ -298,20 +297,18 @@ def _sorting(edges: Ids) -> Ids | None:
     return order if (np.diff(order) != 1).any() else None
 
 
-class EdgeFactors:
+class EdgeFactors(CheckedFactors):
     """Preconditioner of one matrix, in the arrays of its analysis."""
 
     negative_pivots: ClassVar[None] = None
 
-    def __init__(self, search: EdgeCg, n: int, latest: LatestFactors) -> None:
-        self._search, self._n = search, n
-        self._latest, self._number = latest, latest.next()
+    def __init__(self, analysis: CheckedAnalysis, search: EdgeCg) -> None:
+        super().__init__(analysis)
+        self._search = search
 
-    @latest_only
-    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+    def _solve(self, b: Vector, rtol: float, x0: Vector | None, out: Vector | None) -> Solution:
         """Solve by conjugate gradients, in the compiled loop."""
-        b, rtol, x0 = checked_right(b, self._n, rtol, x0, out)
-        return written_to(self._search.solve(b, rtol, MAX_ITERATIONS, x0, out), out)
+        return self._search.solve(b, rtol, MAX_ITERATIONS, x0, out)
 
     @latest_only
     def precondition(self, r: Vector) -> Vector:

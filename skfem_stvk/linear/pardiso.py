@@ -19,17 +19,18 @@ from scipy.sparse import csr_matrix
 
 from ..errors import StvkError, name_ids
 from ..kernels.threads import locked
-from .checks import (
-    LatestFactors,
-    check_kind,
-    checked_right,
-    checked_unknowns,
-    checked_values,
+from .solver import (
+    CheckedAnalysis,
+    CheckedFactors,
+    Kind,
+    Outcome,
+    Solution,
+    Unknowns,
+    Vector,
     latest_only,
     solve_checked,
-    written_to,
+    structure_of,
 )
-from .solver import Kind, Outcome, Solution, Unknowns, Vector, structure_of
 
 SYMMETRIC, GENERAL = -2, 11  # mtype
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33  # phase
@@ -81,15 +82,14 @@ class Pardiso:
         ImportError
             if pypardiso is missing, with the line that installs it.
         """
-        return PardisoAnalysis(self, checked_unknowns(unknowns))
+        return PardisoAnalysis(self, unknowns)
 
 
-class PardisoAnalysis:
+class PardisoAnalysis(CheckedAnalysis):
     """One set of PARDISO's internal memory, for the type of matrix of the last request, symmetric or general."""
 
     def __init__(self, solver: Pardiso, unknowns: Unknowns) -> None:
-        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
-        self._lock = self._latest.lock
+        super().__init__(solver, unknowns)
         self._memory = _Memory(unknowns, SYMMETRIC)
         self._memory.call(ANALYSE)
 
@@ -99,20 +99,17 @@ class PardisoAnalysis:
 
         A general matrix after symmetric ones, or the reverse, needs a new order.
         """
-        check_kind(self._solver, kind)
-        values = checked_values(K, self._unknowns)
-        mtype = GENERAL if kind == Kind.GENERAL else SYMMETRIC
-        number = self._latest.next()
+        values, mtype = self.begin_with(K, kind), GENERAL if kind == Kind.GENERAL else SYMMETRIC
         if self._memory.mtype != mtype:
             self._memory.release()
-            self._memory = _Memory(self._unknowns, mtype)
+            self._memory = _Memory(self.unknowns, mtype)
             self._memory.fill(values)
             self._memory.call(ANALYSE)  # for a general matrix, the analysis uses the values, too
         self._memory.fill(values)
-        return PardisoFactors(self._memory, self._latest, number)
+        return PardisoFactors(self, self._memory)
 
 
-class PardisoFactors:
+class PardisoFactors(CheckedFactors):
     """Factors `L D L'` or `L U`, in the memory of the analysis.
 
     Attributes
@@ -121,8 +118,9 @@ class PardisoFactors:
         Number of pivots that were too small to divide by, which PARDISO replaced. The matrix is then nearly singular.
     """
 
-    def __init__(self, memory: _Memory, latest: LatestFactors, number: int) -> None:
-        self._memory, self._latest, self._number = memory, latest, number
+    def __init__(self, analysis: PardisoAnalysis, memory: _Memory) -> None:
+        super().__init__(analysis)
+        self._memory = memory
         self._exact = memory.call(FACTORISE)
         self.perturbed_pivots = memory.iparm(PERTURBED)
         certain = self._exact and memory.mtype == SYMMETRIC and not self.perturbed_pivots
@@ -138,13 +136,11 @@ class PardisoFactors:
         """Number of negative eigenvalues; None if pivots were perturbed, because their signs are not significant."""
         return self._negative
 
-    @latest_only
-    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+    def _solve(self, b: Vector, rtol: float, x0: Vector | None, out: Vector | None) -> Solution:
         """Solve with the factors, and refine if the residual requires it. `x0` is ignored."""
-        b, rtol, _ = checked_right(b, self._memory.n, rtol, x0, out)
         if not self._exact:
-            return written_to(Solution.none(b, Outcome.SINGULAR), out)
-        return written_to(solve_checked(self._memory.product, self._memory.solve, b, rtol), out)
+            return Solution.none(b, Outcome.SINGULAR)
+        return solve_checked(self._memory.product, self._memory.solve, b, rtol)
 
     @latest_only
     def solve_many(self, B: Vector) -> Vector:

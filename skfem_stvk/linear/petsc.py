@@ -22,8 +22,7 @@ from ..errors import StvkError, name_ids
 from ..kernels.threads import locked
 from ..space import Space
 from .amg import Pace
-from .checks import LatestFactors, check_kind, checked_right, checked_unknowns, checked_values, latest_only, written_to
-from .solver import Kind, Outcome, Solution, Unknowns, Vector, structure_of
+from .solver import CheckedAnalysis, CheckedFactors, Kind, Outcome, Solution, Unknowns, Vector, structure_of
 
 #: Prefix of the options in PETSc's database.
 PREFIX = "stvk_"
@@ -114,17 +113,17 @@ class Petsc:
         StvkError
             if PETSc's integers cannot count the entries of K.
         """
-        return PetscAnalysis(self, checked_unknowns(unknowns))
+        return PetscAnalysis(self, unknowns)
 
 
-class PetscAnalysis:
+class PetscAnalysis(CheckedAnalysis):
     """PETSc's matrix and its solver. The matrix of this rank shares the memory of its values with PETSc."""
 
     def __init__(self, solver: Petsc, unknowns: Unknowns) -> None:
-        self._petsc, self.n = _package(), unknowns.n
-        PETSc = self._petsc
-        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
-        self._lock, self._space = self._latest.lock, unknowns.space or Space(unknowns.n)
+        super().__init__(solver, unknowns)
+        self._options_text = solver.options
+        self._petsc = PETSc = _package()
+        self._space = unknowns.space or Space(unknowns.n)
         self._rows = rows = BlockRows(unknowns, self._space)
         self._comm, one = self._space.comm.mpi or PETSc.COMM_SELF, PETSc.COMM_SELF
         check_range(
@@ -144,9 +143,7 @@ class PetscAnalysis:
     @locked
     def factorise(self, K: Any, kind: Kind) -> PetscFactors:
         """Add up the matrices of all ranks, and set up the preconditioner."""
-        check_kind(self._solver, kind)
-        self._rows.fill(checked_values(K, self._unknowns))
-        number = self._latest.next()
+        self._rows.fill(self.begin_with(K, kind))
         self._part.assemble()
         self._sum.assemble()
         try:
@@ -154,8 +151,8 @@ class PetscAnalysis:
                 self._convert(kind)
                 self._set_up(kind is Kind.GENERAL)
         except self._petsc.Error as error:
-            raise StvkError(f"options = {self._solver.options!r}: PETSc refuses the matrix or its options. {error}") from error
-        return PetscFactors(self, self._latest, number, kind is not Kind.GENERAL)
+            raise StvkError(f"options = {self._options_text!r}: PETSc refuses the matrix or its options. {error}") from error
+        return PetscFactors(self, kind is not Kind.GENERAL)
 
     def negative_pivots(self) -> int | None:
         """Return the number of negative eigenvalues of the last matrix, from its Cholesky factors; None if there are none."""
@@ -194,8 +191,8 @@ class PetscAnalysis:
         self.matrix.setOptionsPrefix(PREFIX)
         self.matrix.setOption(self._petsc.Mat.Option.SYMMETRIC, kind is not Kind.GENERAL)
         self.matrix.setOption(self._petsc.Mat.Option.SPD, kind is Kind.POSITIVE_DEFINITE)
-        if self._unknowns.near_null_space is not None:
-            motions = orthonormal(np.asarray(self._unknowns.near_null_space()), self._space)
+        if self.unknowns.near_null_space is not None:
+            motions = orthonormal(np.asarray(self.unknowns.near_null_space()), self._space)
             vectors = [self.put(motion, self.vector()) for motion in motions.T]
             self.matrix.setNearNullSpace(self._petsc.NullSpace().create(vectors=vectors, comm=self._comm))
 
@@ -210,17 +207,17 @@ class PetscAnalysis:
         self.method.setUp()
         self.method.setUpOnBlocks()
         if is_new:
-            _refuse_unused(self._solver.options)
+            _refuse_unused(self._options_text)
 
     @contextmanager
     def _options(self, general: bool) -> Iterator[None]:
         """Set the solver's options, and those by default, in PETSc's database. Options that are there precede and remain."""
         database = self._petsc.Options(PREFIX)
         before = database.getAll()
-        named = f"{self._solver.options} {' '.join(f'-{name}' for name in before)}".split()
+        named = f"{self._options_text} {' '.join(f'-{name}' for name in before)}".split()
         method = "" if "-ksp_type" in named else f"{GENERAL if general else SYMMETRIC} -ksp_norm_type unpreconditioned"
         database.prefixPush(PREFIX)
-        for text in (DEFAULT, method, self._solver.options):
+        for text in (DEFAULT, method, self._options_text):
             database.insertString(text)
         database.prefixPop()
         for name, value in before.items():
@@ -246,7 +243,7 @@ class PetscAnalysis:
         return np.asarray(self._at_nodes.array[self._rows.dofs])
 
 
-class PetscFactors:
+class PetscFactors(CheckedFactors):
     """Preconditioner of one matrix.
 
     Attributes
@@ -255,20 +252,20 @@ class PetscFactors:
         Number of negative eigenvalues; None if they are not counted.
     """
 
-    def __init__(self, analysis: PetscAnalysis, latest: LatestFactors, number: int, symmetric: bool) -> None:
-        self._analysis, self._latest, self._number = analysis, latest, number
+    _analysis: PetscAnalysis
+
+    def __init__(self, analysis: PetscAnalysis, symmetric: bool) -> None:
+        super().__init__(analysis)
         self.negative_pivots = analysis.negative_pivots() if symmetric else None
         self._looks = symmetric and self.negative_pivots is None  # for directions of negative curvature
         self._indefinite = self._looks and analysis.is_indefinite()
         self._b, self._x, self._r, self._y = (analysis.vector() for _ in range(4))
 
-    @latest_only
-    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+    def _solve(self, b: Vector, rtol: float, x0: Vector | None, out: Vector | None) -> Solution:
         """Solve for the correction `K y = b - K x0`, and once more if the residual of `x0 + y` requires it."""
-        b, rtol, x0 = checked_right(b, self._analysis.n, rtol, x0, out)
         found = self._solution(b, rtol, x0)
         self._analysis.pace.record(found)
-        return written_to(found, out)
+        return found
 
     def _solution(self, b: Vector, rtol: float, x0: Vector | None) -> Solution:
         self._analysis.put(b, self._b)

@@ -1,4 +1,4 @@
-"""Interface of linear solvers.
+"""Interface of linear solvers, and the checks that all of them make.
 
     analysis = solver.analyse(unknowns)            once per mesh and its supports
     factors = analysis.factorise(K, kind)          once per Newton step
@@ -10,20 +10,25 @@ factors. After a new factorisation, the previous factors refuse to solve.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
+from functools import wraps
 from math import nan
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_matrix
 
-from ..arguments import shown, whole_array
-from ..errors import StvkError
-from ..space import Space
+from ..arguments import number, shown, vector, whole_array
+from ..errors import StateError, StvkError, name_ids
+from ..kernels.threads import CopyableLock
+from ..space import ONE_PROCESS, Space
 
 Vector = NDArray[np.float64]
+Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 class Kind(IntEnum):
@@ -238,3 +243,124 @@ class LinearSolver(Protocol):
 def names(solvers: Sequence[LinearSolver]) -> str:
     """Return the solvers' names as a list for messages."""
     return ", ".join(f"'{solver.name}'" for solver in solvers)
+
+
+class CheckedAnalysis:
+    """Analysis with one set of factors, those of the last `number`. Calls of Python threads hold its `lock`."""
+
+    def __init__(self, solver: LinearSolver, unknowns: Unknowns) -> None:
+        if not isinstance(unknowns, Unknowns):
+            raise StvkError(f"unknowns = {shown(unknowns)}; expected Unknowns(vertex, component, indptr, indices).")
+        self.solver, self.unknowns, self.n = solver, unknowns, unknowns.n
+        self.number, self._lock = 0, CopyableLock()
+
+    def begin(self, kind: Kind) -> None:
+        """Make earlier factors stale. Refuse a kind of matrix that the solver does not support."""
+        check_kind(self.solver, kind)
+        self.number += 1
+
+    def begin_with(self, K: Any, kind: Kind) -> NDArray[np.float64]:
+        """Do the same as `begin`, and return the values (nnz,) of K in double precision, copied only if necessary.
+
+        Refuse another structure, and NaN.
+        """
+        check_kind(self.solver, kind)
+        indptr, indices = structure_of(self.unknowns)
+        if not isinstance(K, csr_matrix) or K.shape != (self.n, self.n):
+            raise StvkError(f"K = {shown(K)}; expected a csr_matrix of shape {(self.n, self.n)}.")
+        same_rows = K.indptr is indptr or np.array_equal(K.indptr, indptr)
+        if not same_rows or not (K.indices is indices or np.array_equal(K.indices, indices)):
+            raise StvkError(
+                f"K has {K.nnz} values in another structure; expected the structure that was analysed, of {len(indices)} values. "
+                "Keep the zeros of K, or call analyse() again."
+            )
+        values = np.ascontiguousarray(K.data, dtype=np.float64)
+        space = self.unknowns.space
+        with (ONE_PROCESS if space is None else space.comm).together():
+            if not np.isfinite(values.sum()) and len(bad := np.flatnonzero(~np.isfinite(values))):
+                raise StateError(f"K is not finite in {name_ids(bad, 'value')}: did the previous step diverge?")
+        self.number += 1
+        return values
+
+
+def latest_only(method: Method) -> Method:
+    """Decorate a method of factors: it waits for the lock, and refuses to run if the factors are not the latest."""
+
+    @wraps(method)
+    def waiting(self: Any, *arguments: Any, **named: Any) -> Any:
+        with self._analysis._lock:
+            if self._number != self._analysis.number:
+                raise StvkError(
+                    "These factors are stale: their analysis has factorised another matrix since. Solve with the factors that "
+                    "factorise() returned last, or call analyse() again for a second set of factors."
+                )
+            return method(self, *arguments, **named)
+
+    return cast(Method, waiting)
+
+
+class CheckedFactors(ABC):
+    """Factors of the last matrix of an analysis, with checks of all arguments of `solve`. Only the latest factors solve."""
+
+    def __init__(self, analysis: CheckedAnalysis) -> None:
+        self._analysis, self._number = analysis, analysis.number
+
+    @latest_only
+    def solve(self, b: Any, rtol: float = 1e-10, x0: Any = None, out: Vector | None = None) -> Solution:
+        """Solve as in `Factors`. The outcome reports NaN or infinity in the vectors.
+
+        Raises
+        ------
+        StvkError
+            if the factors are stale, a vector does not have n entries, or `out` is not writeable.
+        """
+        n, each = self._analysis.n, "free degree of freedom"
+        if out is not None:
+            own = isinstance(out, np.ndarray) and out.dtype == np.float64 and out.shape == (n,) and out.flags.writeable
+            if not own or isinstance(out, np.ma.MaskedArray):
+                raise StvkError(f"out = {shown(out)}; expected an array of double precision ({n},) that can be written to.")
+        rtol = number("rtol", rtol, "a number between 0 and 1, such as 1e-10", 0.0, 1.0)
+        start = None if x0 is None else vector("x0", x0, n, each).astype(np.float64, copy=False)
+        found = self._solve(vector("b", b, n, each).astype(np.float64, copy=False), rtol, start, out)
+        if out is None or found.x is out:
+            return found
+        np.copyto(out, found.x)
+        return replace(found, x=out)
+
+    @abstractmethod
+    def _solve(self, b: Vector, rtol: float, x0: Vector | None, out: Vector | None) -> Solution:
+        """Solve with checked arguments. x may be written to `out`."""
+
+
+def check_kind(solver: LinearSolver, kind: Kind) -> None:
+    """Refuse a kind of matrix that the solver does not support, and a value that is not a `Kind`."""
+    if not isinstance(kind, Kind):
+        raise StvkError(f"kind = {shown(kind)}; expected one of {', '.join(f'Kind.{one.name}' for one in Kind)}.")
+    if kind > solver.takes:
+        raise StvkError(
+            f"kind = {kind}; expected at most {solver.takes} for solver='{solver.name}'. Follower loads make K unsymmetric. "
+            "Direct solvers take every kind: solver='superlu', 'pardiso' or 'auto'."
+        )
+
+
+@np.errstate(over="ignore", invalid="ignore")  # overflow is reported as an outcome
+def solve_checked(product: Callable[[Vector], Vector], inverse: Callable[[Vector], Vector], b: Vector, rtol: float) -> Solution:
+    """Return `x = inverse(b)`, refined once to `x += inverse(b - K x)` if `|b - K x| > rtol |b|` and the refined x is better."""
+    size = float(np.linalg.norm(b))
+    if not np.isfinite(size):
+        return Solution.none(b, Outcome.NOT_FINITE)
+    if size == 0:
+        return Solution(np.zeros_like(b), 0, 0.0, Outcome.SOLVED)
+    x = inverse(b)
+    if not np.isfinite(x).all():
+        return Solution.none(b, Outcome.SINGULAR)
+    r = b - product(x)
+    residual, refined = float(np.linalg.norm(r)) / size, 0
+    if residual > rtol:
+        y = x + inverse(r)
+        better = float(np.linalg.norm(b - product(y))) / size
+        if better < residual:
+            x, residual, refined = y, better, 1
+    if not np.isfinite(residual):
+        return Solution.none(b, Outcome.NOT_FINITE)
+    return Solution(x, refined, residual, Outcome.SOLVED if residual <= rtol else Outcome.INACCURATE)

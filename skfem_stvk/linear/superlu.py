@@ -11,17 +11,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from .checks import (
-    LatestFactors,
-    check_kind,
-    checked_right,
-    checked_unknowns,
-    checked_values,
-    latest_only,
-    solve_checked,
-    written_to,
-)
-from .solver import Kind, Outcome, Solution, Unknowns, Vector
+from .solver import CheckedAnalysis, CheckedFactors, Kind, Outcome, Solution, Unknowns, Vector, latest_only, solve_checked
 
 #: Threshold of pivoting: a diagonal entry is the pivot unless it is smaller than this part of the largest entry of its column.
 PIVOT = {Kind.POSITIVE_DEFINITE: 0.0, Kind.SYMMETRIC: 1e-3, Kind.GENERAL: 0.1}
@@ -48,29 +38,25 @@ class SuperLU:
 
     def analyse(self, unknowns: Unknowns) -> SuperLUAnalysis:
         """Store the structure. SuperLU has no separate analysis."""
-        return SuperLUAnalysis(self, checked_unknowns(unknowns))
+        return SuperLUAnalysis(self, unknowns)
 
 
-class SuperLUAnalysis:
+class SuperLUAnalysis(CheckedAnalysis):
     """Structure that matrices must have."""
-
-    def __init__(self, solver: SuperLU, unknowns: Unknowns) -> None:
-        self._solver, self._unknowns, self._latest = solver, unknowns, LatestFactors()
 
     def factorise(self, K: Any, kind: Kind) -> SuperLUFactors:
         """Factorise `K = L U`. The outcome of a solve reports a zero pivot."""
-        check_kind(self._solver, kind)
-        values = checked_values(K, self._unknowns).copy()
+        values = self.begin_with(K, kind).copy()
         matrix = csc_matrix((values, K.indices, K.indptr), shape=K.shape)  # of K', whose structure is that of K
-        return SuperLUFactors(matrix, kind, self._latest)
+        return SuperLUFactors(self, matrix, kind)
 
 
-class SuperLUFactors:
+class SuperLUFactors(CheckedFactors):
     """Factors `L U` of the transpose, because rows in CSR format are columns in SuperLU's."""
 
-    def __init__(self, transpose: csc_matrix, kind: Kind, latest: LatestFactors) -> None:
+    def __init__(self, analysis: SuperLUAnalysis, transpose: csc_matrix, kind: Kind) -> None:
+        super().__init__(analysis)
         self._transpose, self._kind = transpose, kind
-        self._latest, self._number = latest, latest.next()
         self._lu = _factors(transpose, kind)
 
     @cached_property
@@ -99,14 +85,11 @@ class SuperLUFactors:
         exchanges = sum(len(order) - _cycles(order) for order in (lu.perm_r, lu.perm_c))
         return bool((int((lu.U.diagonal() < 0).sum()) + exchanges) % 2)
 
-    @latest_only
-    def solve(self, b: Vector, rtol: float = 1e-10, x0: Vector | None = None, out: Vector | None = None) -> Solution:
+    def _solve(self, b: Vector, rtol: float, x0: Vector | None, out: Vector | None) -> Solution:
         """Solve with the factors, and refine if the residual requires it. `x0` is ignored."""
-        b, rtol, _ = checked_right(b, self._transpose.shape[0], rtol, x0, out)
         if self._lu is None:
-            return written_to(Solution.none(b, Outcome.SINGULAR), out)
-        lu, K = self._lu, self._transpose.T
-        return written_to(solve_checked(K.__matmul__, partial(lu.solve, trans="T"), b, rtol), out)
+            return Solution.none(b, Outcome.SINGULAR)
+        return solve_checked(self._transpose.T.__matmul__, partial(self._lu.solve, trans="T"), b, rtol)
 
     @latest_only
     def solve_many(self, B: Vector) -> Vector:

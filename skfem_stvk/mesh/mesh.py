@@ -18,6 +18,7 @@ from skfem.mesh.mesh_dg import MeshDG
 
 from ..arguments import check_index_range, frozen, number, real_array, shown, whole, whole_array
 from ..errors import MeshError, RegionError, name_ids, name_known, warn
+from ..kernels.threads import threads
 from ..space import Space
 from .element import ELEMENTS, Element, linear_simplex, named
 from .facets import NamedFacets, edges_of, further_nodes, with_midpoints
@@ -570,3 +571,16 @@ def vertex_ids(value: Any) -> NDArray[Any]:
         return np.asarray(value)
     except Exception as error:  # ragged lists, masked entries, and objects whose own conversion fails
         raise MeshError(f"t = {shown(value)}; expected (k + 1, nt) whole numbers, the vertices of the elements from 0.") from error
+
+
+def parts_line(mesh: ElementMesh) -> str:
+    """Return a line on the parts of a divided body, for the header of a run; empty on one machine.
+
+    The line has the number of ranks, and the numbers of elements and shared nodes of the smallest and the largest part.
+    """
+    comm = mesh.space.comm
+    if not comm.divided:
+        return ""
+    elements, nodes = (f"{comm.least(n):.0f} to {comm.most(n):.0f}" for n in (mesh.nt, len(mesh.space.shared)))
+    each = f"{threads()} thread{'s' * (threads() > 1)}"
+    return f"\n{comm.size} ranks with {elements} elements, {nodes} shared nodes and {each} each"

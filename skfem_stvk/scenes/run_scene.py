@@ -16,12 +16,12 @@ from ..arguments import Array
 from ..errors import LoadError, SceneError, StvkError, StvkWarning, SupportError, warn
 from ..kernels.threads import threads
 from ..mesh.locations import vertices_at
+from ..mesh.mesh import parts_line
 from ..results.reactions import ReactionPlace, ground_forces_at_rest
 from ..solvers.dynamics import Modes, Run, SimulationError, modes, simulate
 from ..solvers.dynamics.loop import REPORTED
 from ..solvers.newton.outcome import Interrupted, Status, finishing_steps
 from ..solvers.statics import SolveError, StaticResult, solve_static
-from ..system.divided import parts_line
 from .build import ENERGIES, Built, expectations
 from .complaints import Complaints
 from .folder import Folder

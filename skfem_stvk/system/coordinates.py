@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_matrix
 
-from ..arguments import Array
+from ..arguments import Array, shown
 from ..edges import Tensions
 from ..errors import StvkError
 from ..kernels.threads import CopyableLock, locked
@@ -20,8 +20,7 @@ from ..linear.dense import DenseFactors, DenseSolver
 from ..mesh import ElementMesh
 from ..mesh.displacements import finite_vector
 from ..terms.loads.load import Time
-from .free_tangent import SYMMETRIC
-from .round_off import below, largest_error
+from .free_tangent import SYMMETRIC, below, largest_error
 from .signature import sums
 from .system import System
 
@@ -292,3 +291,30 @@ class DenseTangent:
 
     def use_solver(self, solver: Any) -> None:
         """Do nothing, because no other solver can take over."""
+
+
+@runtime_checkable
+class ReducedLike(Protocol):
+    """Body with displacements in a few coordinates, which `solve_static` and `simulate` accept like a `System`."""
+
+    @property
+    def in_coordinates(self) -> Coordinates:
+        """Body in coordinates, the form that equations use.
+
+        Its `system` is the full body, and results are on the mesh of that body.
+        """
+
+
+def checked_system(system: Any, name: str = "system") -> System:
+    """Return the system; raise StvkError, with `name`, for any other object."""
+    if not isinstance(system, System):
+        raise StvkError(f"{name} = {shown(system)}; expected a System: System(mesh, terms, fixed=..., prescribed=...).")
+    return system
+
+
+def checked_whole(system: Any, analysis: str, name: str = "system") -> System:
+    """Return the system as `checked_system` does; refuse a body that is divided into parts, for this `analysis`."""
+    system = checked_system(system, name)
+    factors = "it needs all elements, or factors of the whole K, which no part has."
+    system.space.comm.refuse_divided(analysis, "a body on one machine", factors)
+    return system

@@ -12,21 +12,25 @@ from scipy.sparse import csr_matrix
 
 from ..arguments import Array
 from ..edges import ALL, Tensions
+from ..edges.bound_term import joined
 from ..errors import StvkError
 from ..linear import BlockJacobiCg, Factors, Kind, LinearSolver, Unknowns, choose
 from ..linear.amg import AmgAnalysis
-from ..linear.inertia import transposition
+from ..linear.choose import transposition
 from ..terms.loads.load import Time
-from .divided import refuse_divided
 from .operator import FreeOperator, TangentOperator
 from .rigid import rigid_modes
-from .round_off import below, largest_error
 from .system import System
 
 #: Stiffness added to a tangent that may be singular, as a fraction of the largest diagonal entry of each vertex.
 SHIFT = 1e-4
 #: Largest asymmetry of a symmetric Jacobian, relative to its largest entry.
 SYMMETRIC = 1e-12
+EPS = float(np.finfo(float).eps)
+#: Largest round-off of a force that counts, as a fraction of the stiffness at rest times an edge length. Errors are at most 1e-10
+#: of this product, unless stretches of inverted elements nearly cancel. In that case the tangent has no bound, and the errors are
+#: 1e-3 to 100 of it.
+MOST = 1e-6
 
 
 class FreeTangent:
@@ -253,8 +257,7 @@ def with_loads(solver: LinearSolver, system: System) -> LinearSolver:
     """
     if system.dead or not solver.matrix_free:
         return solver
-    refuse_divided(
-        system.space.comm,
+    system.space.comm.refuse_divided(
         f"solver = '{solver.name}', which forms no matrix",
         "'petsc'",
         "a load depends on the displacements, and its stiffness requires a matrix.",
@@ -273,3 +276,24 @@ def solver_for(system: System, solver: str | LinearSolver, indefinite: bool = Fa
         return with_loads(choose(solver, system.space.count, kind_of(system), indefinite, divided=True), system)
     free = system.ndofs - len(system.supports.held)
     return with_loads(choose(solver, free, kind_of(system), indefinite, entries_of(system)), system)
+
+
+def largest_error(system: System) -> Array:
+    """Return `MOST |K_aa| l_a` (ndofs,) [N], with the tangent K at rest and the longest edge `l_a` of each node.
+
+    Nodes without stiffness at rest get the largest value of all nodes.
+    """
+    p, d, lengths = system.mesh.p, system.mesh.d, np.zeros(system.mesh.nv)
+    for term in system.bound_terms:
+        ends = joined(term)
+        edges = np.linalg.norm(p[:, ends[0]] - p[:, ends[1]], axis=0)
+        for end in ends:
+            np.maximum.at(lengths, end, edges)
+    blocks = system.linear_operator(np.zeros(system.ndofs)).diagonal_blocks()
+    errors = MOST * np.abs(blocks).max(axis=(1, 2)) * lengths
+    return np.repeat(np.where(errors > 0, errors, system.space.comm.most(float(errors.max(initial=0.0)))), d)
+
+
+def below(largest: Array, sums: Array) -> Array:
+    """Return `sums`, which are round-off errors over eps, with 0 for entries with an error above `largest`."""
+    return np.where(EPS * sums <= largest, sums, 0.0)

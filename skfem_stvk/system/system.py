@@ -34,7 +34,6 @@ from ..terms.connectivity import connected
 from ..terms.loads.load import Time
 from ..units import UNITS, implausible_moduli
 from .bound import BoundTerms, checked_terms, elements_to_remove
-from .divided import refuse_divided
 from .mass import KINDS, Mass
 from .mechanisms import check_held
 from .operator import TangentOperator, refuse_overflow
@@ -185,7 +184,7 @@ class System(BoundTerms):
         rule = checked_quadrature(mesh, quadrature, hourglass)
         check_mesh(mesh, found.beside, in_parts=any(not is_load(term) and term.between_parts for term in found.terms))
         if not double:
-            refuse_divided(mesh.space.comm, "dtype = float32", "float64", "sums over the parts are in double precision.")
+            mesh.space.comm.refuse_divided("dtype = float32", "float64", "sums over the parts are in double precision.")
             warn_of_flat_elements(mesh)
         self.quadrature, self.rule = quadrature, rule  # the argument, and the rule it selects
         self.supports = Supports(mesh, fixed, prescribed)
@@ -236,8 +235,8 @@ class System(BoundTerms):
         >>> torn.removed, round(torn.energy(stretched) / bar.energy(stretched), 12), torn.mass().total
         (array([1]), 0.75, 0.75)
         """
-        refuse_divided(
-            self.space.comm, "System.without(elements)", "all elements", "parts do not exchange which nodes lose elements."
+        self.space.comm.refuse_divided(
+            "System.without(elements)", "all elements", "parts do not exchange which nodes lose elements."
         )
         ids = elements_to_remove(self, elements)
         if not len(ids):
@@ -371,36 +370,17 @@ class System(BoundTerms):
 
         The pattern is always the same, unless a `MeshContact` couples other nodes, and zeros are stored.
         """
-        x = self._state(u)
-        with self._lock:
-            self.look(u, t)
-            K, rows_of_terms = self._to_fill(out, ALL, free)
-            if rows_of_terms is None:
-                assert free is not None
-                self._whole = self.tangent(u, self._last_whole(), t=t)
-                return free.matrix(self._whole, K)
-            with self.space.comm.together():
-                self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, free=free)
-        return K
+        return self._assembled(u, t, out, free=free)[1]
 
-    @locked
     def linearize(self, u: ArrayLike, out: csr_matrix | None = None, *, t: Time = 0.0) -> tuple[float, Array, csr_matrix]:
         """Return `W(u)` [J], `F(u)` (ndofs,) [N] and `K(u)` (ndofs, ndofs) [N/m] from one pass over the elements.
 
         The cost is little more than that of K.
         """
         self._refuse_without_energy()
-        x = self._state(u)
-        self.look(u, t)
-        K, rows_of_terms, force = self._matrix(out, self.pattern), self._rows()[0], np.zeros(x.shape, dtype=self.dtype)
-
-        def of_part() -> float:
-            energy = self._fill(self.pairs_at(t), x, K.data, rows_of_terms, force)
-            refuse_overflow(energy, "W", x)
-            refuse_overflow(force, "F", x)
-            return energy
-
-        return self.space.comm.sum_of(of_part), self.space.share(force).ravel(), K
+        force = np.zeros(self.mesh.p.T.shape, dtype=self.dtype)
+        energy, K = self._assembled(u, t, out, force=force)
+        return self.space.comm.total(energy), self.space.share(force).ravel(), K
 
     @locked
     def product(self, u: ArrayLike, v: ArrayLike, t: Time = 0.0) -> Array:
@@ -486,20 +466,7 @@ class System(BoundTerms):
         self, u: ArrayLike, t: Time = 1.0, out: csr_matrix | None = None, *, kept: Tensions = ALL, free: FreeDofs | None = None
     ) -> csr_matrix:
         """Return the derivative of the residual: `K(u)` minus the loads' `df_ext/du` (ndofs, ndofs) [N/m]."""
-        factors, x = _checked_tensions(kept), self._state(u)
-        with self._lock:
-            moment = self._moment(t)
-            self.look(u, t)
-            K, rows_of_terms = self._to_fill(out, factors, free)
-            if rows_of_terms is None:
-                assert free is not None
-                self._whole = self.jacobian(u, t, self._last_whole(), kept=kept)
-                return free.matrix(self._whole, K)
-            with self.space.comm.together():
-                self._fill(self.pairs_at(t), x, K.data, rows_of_terms, None, factors, free=free)
-            for load, rows in zip(self._follower_loads, self._rows()[1], strict=True):
-                load.add_stiffness(x, moment, rows, K.data)
-        return K
+        return self._assembled(u, t, out, kept=_checked_tensions(kept), loads=self._follower_loads, free=free)[1]
 
     def load_stiffness(self, u: ArrayLike, t: Time = 1.0) -> csr_matrix | None:
         """Return `-df_ext/du` (ndofs, ndofs) [N/m] of the loads that have a potential and are not dead.
@@ -707,15 +674,51 @@ class System(BoundTerms):
         refuse_overflow(force, "F", x)
         return float(energy)
 
-    def _matrix(self, out: csr_matrix | None, structure: Structure) -> csr_matrix:
-        if out is None:
-            return structure.matrix(np.empty(structure.nnz, dtype=self.dtype))
-        if not structure.fits(out, self.dtype):
-            raise StvkError(
-                f"out = {shown(out)} does not have the pattern and type of this system's K ({structure.shape}, "
-                f"{structure.nnz} values of {self.dtype}). Pass a matrix that tangent() returned, with its zeros."
-            )
-        return out
+    def _assembled(
+        self,
+        u: ArrayLike,
+        t: Time,
+        out: csr_matrix | None,
+        *,
+        force: Array | None = None,
+        kept: Tensions = ALL,
+        loads: Sequence[AccumulatedBlocks] = (),
+        free: FreeDofs | None = None,
+    ) -> tuple[float, csr_matrix]:
+        """Return W of this part of a body, and K with the stiffness of follower `loads`. Add the internal force to `force`.
+
+        K over the `free` degrees of freedom is filled directly if all contributions support this. Otherwise it is a part of the
+        whole K.
+        """
+        x, moment = self._state(u), self._moment(t)
+        with self._lock:
+            self.look(u, t)
+            structure: Structure = self.pattern
+            rows, rows_of_loads = self._rows()
+            if free is not None:
+                if not isinstance(free, FreeDofs) or free.pattern is not structure:
+                    raise StvkError(
+                        f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has "
+                        "another pattern."
+                    )
+                structure, indices = free.restriction()
+            if out is not None and not structure.fits(out, self.dtype):
+                raise StvkError(
+                    f"out = {shown(out)} does not have the pattern and type of this system's K ({structure.shape}, "
+                    f"{structure.nnz} values of {self.dtype}). Pass a matrix that tangent() returned, with its zeros."
+                )
+            K = structure.matrix(np.empty(structure.nnz, dtype=self.dtype)) if out is None else out
+            if free is not None:
+                if self._follower_loads or not all(term.by_rows(kept) for term in self.pair_terms):
+                    whole = self._whole if self.pattern.fits(self._whole, self.dtype) else None
+                    energy, self._whole = self._assembled(u, t, whole, force=force, kept=kept, loads=loads)
+                    return energy, free.matrix(self._whole, K)
+                rows = [one.part(indices) for one in rows]
+            with self.space.comm.together():
+                energy = self._fill(self.pairs_at(t), x, K.data, rows, force=force, kept=kept, free=free)
+            for load, rows_of_load in zip(loads, rows_of_loads, strict=bool(loads)):
+                load.add_stiffness(x, moment, rows_of_load, K.data)
+        return energy, K
 
     def _fill(
         self,
@@ -723,10 +726,10 @@ class System(BoundTerms):
         x: Array,
         data: Array,
         rows_of_terms: Sequence[Any],
-        force: Array | None,
-        kept: Tensions = ALL,
         *,
-        free: FreeDofs | None = None,
+        force: Array | None,
+        kept: Tensions,
+        free: FreeDofs | None,
     ) -> float:
         """Fill the values of K of one part of a divided body, or of K over the `free` degrees of freedom; return the energy.
 
@@ -755,31 +758,10 @@ class System(BoundTerms):
             data *= factor
         if self._bare is not None:
             self._bare.write(self.pattern, data, free)
-        return energy
-
-    def _to_fill(self, out: csr_matrix | None, kept: Tensions, free: FreeDofs | None) -> tuple[csr_matrix, list[Any] | None]:
-        """Return the matrix that is filled, and the indices of the blocks of terms in its values.
-
-        K over the `free` degrees of freedom is filled directly if all contributions support this. Otherwise the indices are None,
-        and it is a part of the whole K.
-        """
-        if free is None:
-            return self._matrix(out, self.pattern), self._rows()[0]
-        if not isinstance(free, FreeDofs) or free.pattern is not self.pattern:
-            raise StvkError(
-                f"free = {shown(free)}; expected a result of free_dofs() of this system, because K of another system has another "
-                "pattern."
-            )
-        structure, indices = free.restriction()
-        K = self._matrix(out, structure)
-        for term in self.pair_terms:
-            if not term.by_rows(kept):
-                return K, None
-        return K, None if self._follower_loads else [rows.part(indices) for rows in self._rows()[0]]
-
-    def _last_whole(self) -> csr_matrix | None:
-        """Return the whole K that was assembled last for a part of it, to be overwritten; None if there is none."""
-        return self._whole if self._whole is not None and self.pattern.fits(self._whole, self.dtype) else None
+        if force is not None:
+            refuse_overflow(float(energy), "W", x)
+            refuse_overflow(force, "F", x)
+        return float(energy)
 
     def implausible(self) -> list[str]:
         """Return, in a sentence each, the Young's moduli that are implausible in the units of the system.

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from bodies import BODIES, MESHES, box, state
+from bodies import MESHES, box, state
 from kernels.parts import in_parts
 from skfem import MeshTet
 
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.edges import TENSILE
-from skfem_stvk.edges.topology import LOCAL_EDGES, alone, edge_topology, in_lanes, kernel_order, out_of_lanes
+from skfem_stvk.edges.topology import alone, edge_topology, in_lanes, kernel_order, out_of_lanes
 from skfem_stvk.errors import MaterialError
 from skfem_stvk.kernels.lanes import LANES
 from skfem_stvk.system import Pattern
@@ -68,54 +68,6 @@ def test_vertices_of_other_terms_are_not_in_the_own_order():
     assert sorted(order.vertices) == [2, 4, 7, 9, 11] and order.t.max() == 4
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("name", BODIES)
-def test_force_is_added_and_K_is_written_or_added(name):
-    mesh, terms = BODIES[name]
-    assembly, u = terms[0].bind(mesh, np.float64), state(mesh).reshape(-1, mesh.d)
-    pattern = Pattern(mesh.nv, mesh.d, [assembly.nodes_paired])
-    rows = assembly.rows(pattern)
-    before = np.random.default_rng(0).standard_normal(u.shape)
-    F, sum_of_both, same = np.zeros_like(u), before.copy(), before.copy()
-    W = assembly.energy_and_force(u, F)
-    assert assembly.energy_and_force(u, sum_of_both) == W
-    scale = np.abs(F).max() + 1
-    assert np.abs(F).max() > 1e-3 and np.abs(sum_of_both - before - F).max() < 1e-14 * scale
-
-    K = np.zeros(pattern.nnz)
-    assembly.fill(u, rows, K, True)
-    more = np.full(pattern.nnz, 7.0)
-    linearized = assembly.fill(u, rows, more, True, same)
-    assert linearized.energy == pytest.approx(W, rel=1e-14)
-    assert np.abs(same - before - F).max() < 1e-14 * scale
-    assert np.abs(more - K - 7).max() < 1e-14 * (np.abs(K).max() + 7)
-    written = np.zeros(pattern.nnz)
-    written[K != 0] = np.nan  # all entries of the term are overwritten
-    assembly.fill(u, rows, written, False)
-    assert np.array_equal(written, K)
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_blocks_of_edges_are_those_of_K_and_their_total_is_its_trace(name):
-    """In fewer than three dimensions the total includes the components across the body, which are not used elsewhere."""
-    mesh = MESHES[name]
-    assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, mesh.d)
-    K = System(mesh, TERM).tangent(u.ravel()).toarray().reshape(mesh.nv, mesh.d, mesh.nv, mesh.d).swapaxes(1, 2)
-    energy, blocks = assembly.blocks(u)
-    alone = assembly.energy_and_force(u, np.zeros_like(u))
-    assert energy == pytest.approx(alone, rel=1e-14)
-    a, b = assembly.nodes_paired
-    wanted = np.sort(np.einsum("exx->e", K[a, b]))
-    found = blocks[: 9 * len(a)].reshape(-1, 3, 3)[:, : mesh.d, : mesh.d]
-    assert np.abs(np.sort(np.einsum("exx->e", found)) - wanted).max() < 1e-13 * np.abs(wanted).max()
-    pattern = Pattern(mesh.nv, mesh.d, [assembly.nodes_paired])
-    data = np.zeros(pattern.nnz)
-    total = assembly.fill(u, assembly.rows(pattern), data, False).total
-    if mesh.d == 3:
-        assert total == pytest.approx(np.einsum("aaxx->", K), rel=1e-13)
-    assert total > 0
-
-
 def test_blocks_are_refilled_in_place():
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
@@ -126,34 +78,6 @@ def test_blocks_are_refilled_in_place():
     assert again is blocks and np.array_equal(again, wanted)
     _, other = assembly.blocks(u, out=np.empty(3))
     assert np.array_equal(other, wanted)
-
-
-def test_simplices_that_only_fill_a_block_have_no_energy():
-    """Seventeen simplices are stored in two blocks of sixteen, so that the last one is stored fifteen more times."""
-    mesh = box(3)
-    p, t = mesh.p, mesh.t[:, : LANES + 1]
-    used, t = np.unique(t, return_inverse=True)
-    part = ElementMesh(p[:, used], t.reshape(4, -1))
-    u = state(part)
-    alone = []
-    for e in range(part.nt):
-        corners = part.t[:, e]
-        single = System((part.p[:, corners], np.arange(4)[:, None]), TERM)
-        alone.append(single.energy(u.reshape(-1, 3)[corners].ravel()))
-    assert System(part, TERM).energy(u) == pytest.approx(sum(alone), rel=1e-13)
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_edge_coefficients_and_kernel_data_give_the_same_energy(name):
-    """W from `form.L` equals W from the kernels, which use base vectors from another vertex and in another order."""
-    mesh = MESHES[name]
-    u = state(mesh).reshape(-1, mesh.d)
-    for terms in (BODIES[f"{name}, isotropic"][1], BODIES[f"{name}, anisotropic"][1], BODIES[f"{name}, fibres"][1]):
-        assembly = terms[0].bind(mesh, np.float64)
-        form = assembly.form
-        assert len(form.t2e) == len(LOCAL_EDGES[mesh.k])
-        zeta = form.squared_elongations(u)
-        assert zeta @ form.L @ zeta / 4 == pytest.approx(assembly.energy_and_force(u, np.zeros_like(u)), rel=1e-13)
 
 
 def test_work_vectors_are_reused_and_counted(monkeypatch):

@@ -8,7 +8,7 @@ from skfem.quadrature import get_quadrature
 from skfem.refdom import RefHex, RefQuad
 from slow import slow
 
-from skfem_stvk import EnergyMomentum, Gravity, LinearBackwardEuler, StVK, System, VolumePenalty, simulate, solve_static
+from skfem_stvk import EnergyMomentum, Gravity, StVK, System, VolumePenalty, simulate, solve_static
 from skfem_stvk.edges import NONE, TENSILE
 from skfem_stvk.mesh.points import base_vectors_at
 from skfem_stvk.terms.laws.volume_penalty import ENERGIES
@@ -116,21 +116,6 @@ def test_a_volume_penalty_has_the_energy_of_the_mean_gradient(name, kind):
     )
 
 
-@pytest.mark.parametrize("weights", [(0.5, 0.5), (0.3, 0.7), (0.0, 1.0)])
-@pytest.mark.parametrize("name", MESHES)
-def test_mean_forces_have_the_work_of_the_energies_and_balance(name, weights):
-    mesh, bound = MESHES[name], body(MESHES[name]).bound_terms[0]
-    u0, u1 = (state(mesh, 0.3, seed=s).reshape(-1, mesh.d) - 0.1 * s * mesh.p.T for s in (1, 2))
-    force = np.zeros_like(u0)
-    R = bound.mean_force(u0, u1, weights, 0.5, force)
-    excess = (force * (u1 - u0)).sum() - (bound.energy_and_force(u1) - bound.energy_and_force(u0))
-    size = np.abs(force * (u1 - u0)).sum()
-    assert 1e-3 * size < R and excess == pytest.approx((weights[1] - weights[0]) * R, abs=1e-12 * size)
-    x = mesh.p.T + (u0 + u1) / 2
-    torque = x.T @ force
-    assert max(np.abs(force.sum(axis=0)).max(), np.abs(torque - torque.T).max()) < 1e-12 * np.abs(force).sum()
-
-
 @pytest.mark.parametrize("name", MESHES)
 def test_a_deformed_rotating_body_is_not_damped(name):
     """A rotation causes no damping, neither as a rate nor as one large step.
@@ -168,21 +153,7 @@ def test_energy_and_momenta_of_a_tumbling_body_are_conserved(name):
         assert np.ptp(ledger[momentum]) < 1e-10 * scale, momentum
 
 
-@pytest.mark.parametrize("name", MESHES)
-def test_a_linear_step_is_that_of_the_dense_matrices(name):
-    """Equation 9: `(M + dt^2 K) v1 = M v0 + dt (f - F)`, and `u1 = u0 + dt v1`."""
-    mesh, dt, g = MESHES[name], 0.2, [0.3, -1.0, 0.5]
-    system = body(mesh, Gravity(g[: mesh.d]))
-    u, v = state(mesh, 0.2), state(mesh, 0.1, seed=8)
-    run = simulate(system, LinearBackwardEuler(dt=dt, rtol=1e-12), until=dt, u0=u, v0=v, quiet=True)
-    M, K = system.mass("lumped").matrix.toarray(), system.tangent(u).toarray()
-    load = M @ np.tile(g[: mesh.d], mesh.nv) - system.internal_force(u)
-    v1 = np.linalg.solve(M + dt**2 * K, M @ v + dt * load)
-    assert np.abs(run.v - v1).max() < 1e-9 * np.abs(v1).max() and np.abs(run.u - u - dt * v1).max() < 1e-9 * np.abs(dt * v1).max()
-
-
-@pytest.mark.parametrize("solver", ["superlu", "amg-cg", "block-jacobi-cg"])
-@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize(("name", "solver"), [("hexahedra", "amg-cg"), ("quadrilaterals", "block-jacobi-cg")])
 def test_a_body_hangs_in_equilibrium(name, solver):
     mesh = MESHES[name]
     top = np.flatnonzero(mesh.p[0] < 0.05)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bodies import BODIES, MESHES, state
+from bodies import MESHES, state
 from kernels.parts import in_parts
 
 from skfem_stvk import StVK
@@ -48,35 +48,6 @@ def test_errors_of_the_force_stay_below_eps_times_the_bound(name):
         assert 0 < np.linalg.norm(error) < 0.3 * np.linalg.norm(bound) and (error < 4 * bound).all()
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("name", BODIES)
-def test_the_bound_is_tight_for_a_rounded_state(name):
-    """Displacements are rounded to single precision, and double precision is taken as exact.
-
-    No Newton iterate can be stored more accurately. For segments errors do not accumulate.
-    """
-    mesh, terms = BODIES[name]
-    single, double = terms[0].bind(mesh, np.float32), terms[0].bind(mesh, np.float64)
-    for u in states(mesh):
-        stored = u.astype(np.float32).astype(np.float64)
-        error = np.linalg.norm(force_of(single, stored) - force_of(double, u))
-        bound = np.finfo(np.float32).eps * np.linalg.norm(bound_of(double, u))
-        assert 1e-3 * bound < error < (2 if mesh.k == 1 else 0.3) * bound
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("name", BODIES)
-def test_the_bound_exceeds_the_force_and_is_added(name):
-    mesh, terms = BODIES[name]
-    u = state(mesh).reshape(-1, mesh.d)
-    assembly = terms[0].bind(mesh)
-    sizes, force = bound_of(assembly, u), force_of(assembly, u)
-    assert (sizes >= np.abs(force)).all() and np.abs(force).max() > 1e-3
-    before = np.ones_like(u)
-    assembly.add_round_off(u, before)
-    assert np.abs(before - sizes - 1).max() < 1e-14 * sizes.max()
-
-
 def test_round_off_grows_with_the_displacement_of_the_body():
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
@@ -85,9 +56,11 @@ def test_round_off_grows_with_the_displacement_of_the_body():
 
 
 @pytest.mark.parametrize("parts", [2, 5])
-def test_threads_change_nothing(parts, monkeypatch):
+def test_the_bound_is_added_and_threads_do_not_change_it(parts, monkeypatch):
     mesh = MESHES["tetrahedra"]
     assembly, u = TERM.bind(mesh), state(mesh).reshape(-1, 3)
     alone = bound_of(assembly, u)
     in_parts(monkeypatch, parts)
-    assert np.abs(bound_of(assembly, u) - alone).max() < 1e-14 * alone.max()
+    more = np.ones_like(u)
+    assembly.add_round_off(u, more)
+    assert np.abs(more - 1 - alone).max() < 1e-14 * alone.max()

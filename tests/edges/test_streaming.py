@@ -122,14 +122,6 @@ def test_results_are_bitwise_reproducible_and_agree_across_thread_counts(parts, 
     assert np.abs(first - alone.data).max() <= 1e-14 * np.abs(first).max()
 
 
-def test_a_system_follows_the_number_of_threads(monkeypatch):
-    mesh = box(5)
-    body, u = System(mesh, STVK), state(mesh, 0.1)
-    for parts in (1, 3, 2):
-        in_parts(monkeypatch, parts)
-        assert np.array_equal(body.tangent(u).data, System(mesh, STVK).tangent(u).data)
-
-
 @pytest.mark.parametrize("parts", [1, 3])
 def test_terms_of_several_regions_add_up(parts, monkeypatch):
     in_parts(monkeypatch, parts)

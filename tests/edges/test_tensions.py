@@ -8,7 +8,7 @@ from scipy.spatial import Delaunay
 
 from skfem_stvk import Anisotropic, ElementMesh, StVK, StvkError, System
 from skfem_stvk.edges import ALL, NONE, TENSILE, Tensions
-from skfem_stvk.system import Pattern, TangentOperator
+from skfem_stvk.system import Pattern
 
 
 def unstructured(k, d, n=40):
@@ -149,29 +149,6 @@ def test_the_clamped_tangent_is_bitwise_exact_in_pure_tension(k):
     assert np.array_equal(dense(assembly, u, TENSILE), dense(assembly, u, ALL))
     assert (assembly.tensions(-2 * u) < 0).any()
     assert np.abs(dense(assembly, -2 * u, TENSILE) - dense(assembly, -2 * u, ALL)).max() > 1e-3
-
-
-def test_energy_and_force_do_not_depend_on_retained_tensions():
-    mesh, terms = BODIES["tetrahedra, isotropic"]
-    (assembly,), u = bound(mesh, terms), state(mesh).reshape(-1, 3)
-    F, same = np.zeros_like(u), np.zeros_like(u)
-    W = assembly.energy_and_force(u, F)
-    for kept in (TENSILE, NONE):
-        same[:] = 0
-        energy, _ = assembly.blocks(u, same, kept=kept)
-        assert energy == pytest.approx(W, rel=1e-14) and np.abs(F - same).max() < 1e-14 * np.abs(F).max()
-
-
-@pytest.mark.parametrize("name", ["tetrahedra, two regions", "membrane, anisotropic", "cable, area"])
-def test_the_operator_without_negative_tensions_is_the_clamped_tangent(name):
-    mesh, terms = BODIES[name]
-    body, u, v = System(mesh, terms), compressed(mesh).ravel(), state(mesh, seed=9)
-    x = u.reshape(-1, mesh.d)
-    K = sum(dense(assembly, x, TENSILE) for assembly in body.bound_terms)
-    operator = TangentOperator(body.mesh, body.pairs_at, u, body.dtype, kept=TENSILE)
-    assert np.abs(operator @ v - K @ v).max() < 1e-13 * np.abs(K @ v).max()
-    operator.prepare(u)
-    assert np.abs(operator @ v - body.tangent(u) @ v).max() < 1e-13 * np.abs(K @ v).max() < np.abs(operator @ v - K @ v).max()
 
 
 def test_elements_without_an_edge_form_have_no_tensions():

@@ -1,15 +1,16 @@
-"""Ratios of volumes, step limits and stretches of straight and curved quadratic simplices and of boxes."""
+"""Ratios of volumes, step limits and stretches of linear, straight and curved quadratic simplices, and of boxes."""
 
 import numpy as np
 import pytest
-from bodies import CURVED, STRAIGHT, box, sheet, state
+from bodies import CURVED, MESHES, STRAIGHT, box, sheet, state
 from kernels.parts import in_parts
 
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.mesh.points import base_vectors_at, measures_of, rule_of
 
 TERM = StVK(young=2.0, poisson=0.3)
-EVERY = {f"{name}, curved": mesh for name, mesh in CURVED.items()} | {f"{name}, straight": mesh for name, mesh in STRAIGHT.items()}
+EVERY = MESHES | {f"{name}, curved": mesh for name, mesh in CURVED.items()}
+EVERY |= {f"{name}, straight": mesh for name, mesh in STRAIGHT.items()}
 SOLID = [name for name, mesh in EVERY.items() if mesh.k == mesh.d]
 
 

@@ -91,11 +91,6 @@ def test_a_damaged_cache_is_reported_deleted_and_compiled_again(damage, cache):
     assert file.read_bytes() != change(whole)
 
 
-def test_an_intact_cache_is_used_without_a_message(cache):
-    messages_of(KERNEL, cache)
-    assert messages_of(KERNEL, cache) == ""
-
-
 @pytest.mark.slow
 def test_laws_and_elements_find_their_cached_code_in_any_order(tmp_path):
     """Formulas are chosen by type; each type has its own code, and the second process compiles nothing."""

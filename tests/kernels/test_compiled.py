@@ -118,19 +118,6 @@ def test_python_searches_for_cycles_again_after_a_kernel_is_compiled():
         gc.enable()
 
 
-@pytest.mark.slow
-def test_energies_are_computed_without_a_cache(tmp_path):
-    code = """
-import skfem
-from skfem_stvk import StVK, System
-mesh = skfem.MeshTet()
-print(System(mesh, StVK(young=1e5, poisson=0.3)).energy(0.01 * mesh.p.ravel("F")))
-"""
-    done = ran(code, NUMBA_CACHE_DIR="/dev/null/none", XDG_CACHE_HOME="/dev/null/none")
-    assert float(done.stdout) == pytest.approx(4.5 * 1e5 / 1.2 * 0.01005**2, rel=1e-12)
-    assert done.stderr.count("compiling") == 1 and not list(tmp_path.rglob("*.nbc"))
-
-
 # where machine code is stored
 
 KERNEL = "import numpy as np\nfrom skfem_stvk.kernels.simplex_topology import expand\n"

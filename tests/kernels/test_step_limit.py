@@ -5,12 +5,10 @@ import pytest
 from bodies import MESHES, box, state
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from kernels.parts import in_parts
 
 from skfem_stvk import ElementMesh, StVK, System
 from skfem_stvk.kernels.volumes import _first_zero
 
-SOLID = ("tetrahedra", "triangles", "segments")
 TERM = StVK(young=2.0, poisson=0.3)
 
 
@@ -37,37 +35,6 @@ def by_numpy(mesh, u, v):
     return least
 
 
-@pytest.mark.parametrize("parts", [1, 2, 5])
-@pytest.mark.parametrize("name", SOLID)
-def test_the_limit_is_the_first_root_of_all_cubics(name, parts, monkeypatch):
-    in_parts(monkeypatch, parts)
-    mesh = MESHES[name]
-    body = System(mesh, TERM)
-    for seed in range(20):
-        u, v = (0.5 * state(mesh, seed=100 * seed + i) for i in (1, 2))
-        limit = body.step_limit(u, v)
-        assert limit == pytest.approx(by_numpy(mesh, u, v), rel=1e-9)
-        assert np.isfinite(limit)
-        right = determinants(mesh, mesh.p.T + u.reshape(-1, mesh.d)) / determinants(mesh, mesh.p.T) > 0
-        for s, sign in ((1 - 1e-9, 1), (1 + 1e-9, -1)):
-            x = mesh.p.T + (u + s * limit * v).reshape(-1, mesh.d)
-            assert sign * (determinants(mesh, x) / determinants(mesh, mesh.p.T))[right].min() > 0
-
-
-@pytest.mark.parametrize("name", SOLID)
-def test_the_limit_of_an_affine_motion_is_exact(name):
-    mesh = MESHES[name]
-    body, rest, x = System(mesh, TERM), np.zeros(mesh.p.size), mesh.p.T
-    one = np.zeros(mesh.d)
-    one[0] = 1
-    # a root of multiplicity d; rounding leaves only 1/d of its digits
-    assert body.step_limit(rest, -0.25 * x.ravel()) == pytest.approx(4, rel={1: 1e-12, 2: 1e-6, 3: 1e-4}[mesh.d])
-    assert body.step_limit(rest, (-0.25 * x * one).ravel()) == pytest.approx(4, rel=1e-12)
-    assert body.step_limit((-0.5 * x * one).ravel(), (-0.25 * x * one).ravel()) == pytest.approx(2, rel=1e-12)
-    for away in (0.25 * x, 0.25 * x * one, np.ones_like(x), np.zeros_like(x)):
-        assert body.step_limit(rest, away.ravel()) == np.inf
-
-
 @pytest.mark.parametrize("name", ["tetrahedra", "triangles"])
 def test_round_off_of_a_coefficient_counts_as_zero(name):
     """Shear along any axis preserves volume: a coefficient 1e-16 s^2 would end it at 1e8, and 1e-16 s^3 at 2e5."""
@@ -85,12 +52,6 @@ def test_a_minimum_that_is_zero_up_to_rounding_is_a_zero():
         # (1 - s/r)^2 (1 + s/q)
         c = height * np.array([1.0, 1 / q - 2 / r, 1 / r**2 - 2 / (r * q), 1 / (r**2 * q)])
         assert _first_zero(*c, np.inf) == pytest.approx(r, rel=1e-6)
-
-
-@pytest.mark.parametrize("name", ["membrane", "cable", "cable in the plane"])
-def test_membranes_and_cables_have_no_limit(name):
-    mesh = MESHES[name]
-    assert System(mesh, TERM).step_limit(state(mesh), state(mesh, seed=2)) == np.inf
 
 
 def test_inverted_elements_do_not_limit_the_step():

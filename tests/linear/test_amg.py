@@ -116,25 +116,18 @@ def test_grown_iterations_are_detected_after_a_warm_start_too():
     assert analysis.hierarchy is not retained
 
 
-def test_aggregates_cover_all_vertices_and_have_moderate_sizes():
+@pytest.mark.parametrize("threshold", [None, 0.4])
+def test_aggregates_cover_all_vertices_and_have_moderate_sizes(threshold, monkeypatch):
+    """A threshold that gives tiny aggregates is lowered."""
+    if threshold:
+        monkeypatch.setattr("skfem_stvk.linear.multigrid.STRONG", threshold)
     K, unknowns = beam(6)
     rows = VertexRows(unknowns)
     blocks, single = rows.structure.empty_values(), rows.structure.empty_values(np.float32)
     rows.fill(K.data, 1.0, blocks, single)
     numbers = aggregates(rows.graph, rows.structure, blocks)
     sizes = np.bincount(numbers)
-    assert len(numbers) == rows.structure.n and sizes.min() >= 1
-    assert MIN_AGGREGATE_SIZE <= sizes.mean() <= 40
-
-
-def test_a_threshold_that_gives_tiny_aggregates_is_lowered(monkeypatch):
-    monkeypatch.setattr("skfem_stvk.linear.multigrid.STRONG", 0.4)
-    K, unknowns = beam(6)
-    rows = VertexRows(unknowns)
-    blocks, single = rows.structure.empty_values(), rows.structure.empty_values(np.float32)
-    rows.fill(K.data, 1.0, blocks, single)
-    numbers = aggregates(rows.graph, rows.structure, blocks)
-    assert np.bincount(numbers).mean() >= MIN_AGGREGATE_SIZE
+    assert len(numbers) == rows.structure.n and sizes.min() >= 1 and MIN_AGGREGATE_SIZE <= sizes.mean() <= 40
 
 
 def test_diagonals_of_all_levels_are_positive_for_a_cable():

@@ -87,7 +87,7 @@ def checks(report):
     return {(r.check, r.quantity) if r.check == "drift" else r.check for r in report.results if r.outcome is CheckOutcome.FAILED}
 
 
-@pytest.mark.few(8)
+@pytest.mark.few(5)
 @pytest.mark.parametrize("name", [name for name in INTEGRATORS if name != "GeneralizedAlpha"])  # stores accelerations
 def test_own_integrators_pass_with_what_they_declare(name):
     kind = INTEGRATORS[name]

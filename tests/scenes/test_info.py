@@ -44,6 +44,7 @@ def test_a_mesh_is_counted():
     assert facts(inspect_mesh(box()), "boundaries")["left"] == 8
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("kind", ["triangles", "quadrilaterals", "hexahedra", "segments", "quadratic tetrahedra"])
 def test_every_kind_of_elements_gets_all_tables(kind):
     line = np.linspace(0, 0.1, 4)

@@ -1,15 +1,13 @@
-"""Arrays, kernels, patterns and masses of a body are those of its terms and analyses only.
+"""Arrays, patterns and masses of a body are those of its terms and analyses only.
 
 `tests/test_imports.py` checks in new processes which packages and modules each use imports.
 """
 
 import tracemalloc
-from functools import partial
 
 import numpy as np
 import pytest
 import skfem
-from kernels.parts import kernels_run
 
 from skfem_stvk import (
     BodyForce,
@@ -40,7 +38,7 @@ from skfem_stvk import (
 from skfem_stvk.edges import assembly, stiffness
 from skfem_stvk.kernels import element_assembly as element_kernels
 from skfem_stvk.mesh import ElementMesh
-from skfem_stvk.system import pattern, system
+from skfem_stvk.system import pattern
 
 ELASTIC = {"young": 1e5, "poisson": 0.3, "density": 1000.0}
 FIXED = {"left": "xyz"}
@@ -64,12 +62,6 @@ OTHERS = {
     NodalLoad: NodalLoad("right", (0.0, 0.0, -1.0)),
     Pressure: Pressure("right", 100.0),
     Traction: Traction("right", (0.0, 0.0, -1.0)),
-}
-#: Kernels that run only for one term of the tables above.
-OWN = {
-    SpringNetwork: {"springs"},
-    EdgeNetwork: {"elongate", "pull"},
-    VolumePenalty: {"penalty_energy_and_force", "penalty_linearize"},
 }
 
 
@@ -115,22 +107,6 @@ def test_a_plain_body_has_the_bytes_of_its_memory():
     reported = body.memory()
     assert reported["mass"] == reported["product"] == 0
     assert held - (sum(reported.values()) - reported["mesh"]) < 0.8 * body.ndofs * 8
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("kind", [*ELEMENTS, *OTHERS], ids=lambda kind: kind.__name__)
-def test_without_a_term_its_kernels_do_not_run_and_its_arrays_do_not_exist(kind):
-    mesh = bar(10)
-    term = ELEMENTS[kind](mesh, None) if kind in ELEMENTS else OTHERS[kind]
-    without = partial(System, mesh, StVK(**ELASTIC), FIXED)
-    with kernels_run() as plain:
-        bytes_without = sum(used(without()).memory().values())
-    with kernels_run() as both:
-        used(System(mesh, [StVK(**ELASTIC), term], FIXED))
-    with kernels_run() as again:
-        assert sum(used(without()).memory().values()) == bytes_without
-    own = OWN.get(kind, set())
-    assert own <= both - plain and again == plain and not plain & set().union(*OWN.values())
 
 
 @pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.__name__)
@@ -182,32 +158,6 @@ def test_a_load_creates_no_blocks_of_the_body(kind):
     }
 
 
-def test_two_laws_on_two_regions_cost_as_much_as_two_bodies():
-    mesh = bar(10)
-    rest = np.setdiff1d(np.arange(mesh.nt), mesh.elements("end"))
-    laws = StVK(**ELASTIC, region=rest), NeoHookean(young=3e5, poisson=0.45, density=1.0, region="end")
-    u = 0.02 * np.sin(np.arange(mesh.p.size))
-    both = System(mesh, list(laws))
-    with pytest.warns(match="in no term"):
-        alone = [System(mesh, law) for law in laws]
-    assert both.energy(u) == pytest.approx(sum(one.energy(u) for one in alone), rel=1e-13)
-    assert (
-        np.abs(both.internal_force(u) - sum(one.internal_force(u) for one in alone)).max()
-        < 1e-11 * np.abs(both.internal_force(u)).max()
-    )
-    assert abs(both.tangent(u) - alone[0].tangent(u) - alone[1].tangent(u)).max() < 1e-12 * abs(both.tangent(u)).max()
-    assert alone[0].energy(u) > 0.1 * both.energy(u) and alone[1].energy(u) > 0.01 * both.energy(u)
-
-
-def test_energy_and_force_need_no_pattern_and_no_blocks(monkeypatch):
-    body = System(bar(10), [StVK(**ELASTIC), Pressure("right", 100.0)], FIXED)
-    monkeypatch.setattr(system, "Pattern", refused)
-    monkeypatch.setattr(element_kernels, "linearize", refused)
-    u = np.zeros(body.ndofs)
-    body.energy(u), body.internal_force(u), body.residual(u)
-    assert body.memory()["pattern of K"] == body.memory()["rows of K"] == body.memory()["blocks of edges"] == 0
-
-
 def test_springs_alone_need_no_data_of_simplices(monkeypatch):
     """Springs of given stiffness need no coefficients L of elements, no frames, and no kernel on elements."""
     mesh = bar(10)
@@ -216,9 +166,7 @@ def test_springs_alone_need_no_data_of_simplices(monkeypatch):
         monkeypatch.setattr(assembly, name, refused)
     monkeypatch.setattr(stiffness, "frames_at", refused)
     monkeypatch.setattr(StVK, "coefficients", refused)
-    with kernels_run() as ran:
-        body = used(System(mesh, SpringNetwork(stiffness=np.full(edges, 9.0)), FIXED))
-    assert "springs" in ran and not ran & {"energy_and_force", "linearize"}
+    body = used(System(mesh, SpringNetwork(stiffness=np.full(edges, 9.0)), FIXED))
     assert "elements" not in body.memory()
 
 

@@ -27,7 +27,6 @@ from skfem_stvk import (
     simulate,
     solve_static,
 )
-from skfem_stvk.linear import BlockJacobiCg, Kind, Outcome, Unknowns
 from skfem_stvk.solvers.newton.outcome import Status
 from skfem_stvk.system.bound import compressed_in_part
 from skfem_stvk.system.operator import FreeOperator
@@ -129,31 +128,6 @@ def test_parts_have_the_results_of_the_whole_body(name, how):
                 continue
             tolerance = 1e-9 if name == "critical step" else 1e-13  # iterations end at another residual
             np.testing.assert_allclose(own[name], number, rtol=tolerance, err_msg=name)
-
-
-@pytest.mark.few
-@divided
-@on_solids
-def test_conjugate_gradients_on_parts_find_the_solution_of_the_whole_body(name, how):
-    """All parts have the same number of iterations, and the solution has the same bits at nodes that they share."""
-    body = Division(name, how)
-    b = np.random.default_rng(5).standard_normal(body.mesh.p.size)
-
-    def solve(system, dofs):
-        free = system.free_dofs(np.flatnonzero(system.space.numbers % 7 == 0))
-        K = FreeOperator(system.linear_operator(np.zeros(system.ndofs)), free)
-        factors = BlockJacobiCg().analyse(Unknowns(*np.divmod(free.free, system.mesh.d))).factorise(K, Kind.POSITIVE_DEFINITE)
-        solution = factors.solve(b[dofs][free.free], rtol=1e-12)
-        x = np.zeros(system.ndofs)
-        x[free.free] = solution.x
-        return x, solution.iterations, solution.outcome
-
-    found, (x, iterations, outcome) = body.run(solve, system_of)
-    of_parts = combined([(dofs, own) for dofs, (own, _, _) in found], (len(x), 1))
-    np.testing.assert_allclose(of_parts[:, 0], x, rtol=0, atol=1e-10 * abs(x).max())
-    assert iterations > 5 and outcome is Outcome.SOLVED
-    assert len({count for _, (_, count, _) in found}) == 1 and abs(found[0][1][1] - iterations) <= 1
-    assert {end for _, (_, _, end) in found} == {outcome}
 
 
 def assert_same(found, u, tolerance):

@@ -261,19 +261,6 @@ def test_an_iteration_of_conjugate_gradients_has_two_reductions(make, with_shift
         assert abs(own - iterations) <= 2 and 2 * own <= reductions <= 2 * own + 6
 
 
-@divided
-@pytest.mark.parametrize("name", ["tetrahedra", "triangles", "hexahedra"])
-def test_a_body_of_one_term_moves_as_the_whole_body(name, how, separate_threads):
-    body = Division(name, how)
-    v = 0.1 * np.random.default_rng(6).standard_normal(body.mesh.p.size)
-
-    def move(system, dofs):
-        return simulate(system, LinearBackwardEuler(dt=0.05, rtol=1e-12), until=0.5, v0=v[dofs], quiet=True).u
-
-    found, u = body.run(move, free_body)
-    np.testing.assert_allclose(combined(found, (len(u), 1))[:, 0], u, rtol=0, atol=1e-9 * abs(u).max())
-
-
 def test_nothing_acts_on_the_body_is_decided_by_all_parts(separate_threads, monkeypatch):
     """A part without a load, a support or a velocity is no error; a body without any is one in all parts."""
     monkeypatch.setattr(System, "check_held", lambda self, u=None, t=0.0: None)

@@ -45,14 +45,6 @@ def force(*terms):
     return system.residual(np.cos(np.arange(system.ndofs)) / 50)
 
 
-def test_a_view_as_location_of_supports_is_its_vertices():
-    by_view, by_name = System(MESH, RUBBER, fixed=[(BOT, "xyz")]), System(MESH, RUBBER, fixed={"bot": "xyz"})
-    assert np.array_equal(by_view.supports.fixed, by_name.supports.fixed) and len(by_name.supports.fixed) == 3 * len(IDS)
-    moved, named = ({"prescribed": [(place, {"y": 0.1})]} for place in (BOT, "bot"))
-    one, other = System(MESH, RUBBER, **moved).supports, System(MESH, RUBBER, **named).supports
-    assert np.array_equal(one.prescribed, other.prescribed) and np.array_equal(one.values(0.5), other.values(0.5))
-
-
 @pytest.mark.parametrize(
     "term",
     [

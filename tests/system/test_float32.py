@@ -5,7 +5,7 @@ import pytest
 from bodies import BODIES, MESHES, box, state
 from slow import slow
 
-from skfem_stvk import ElementMesh, Isotropic, StVK, StvkError, StvkWarning, System
+from skfem_stvk import ElementMesh, Isotropic, StVK, StvkWarning, System
 from skfem_stvk.mesh.geometry import aspect_ratios
 from skfem_stvk.referee.exact import ExactStVK
 
@@ -66,25 +66,6 @@ def test_against_fifty_digits(strain):
         assert np.abs(product - Kv).max() < LIMIT * np.abs(Kv).max()
 
 
-def test_the_textbook_form_is_less_accurate():
-    """The textbook form `E = 1/2 (F'F - I)` in single precision has an error 30 times as large at a strain of 1e-4."""
-    mesh = MESHES["tetrahedra"]
-    u = stretched(mesh, 1e-4)
-    X = mesh.p.T[mesh.t.T]
-    vectors = np.swapaxes(X[:, 1:] - X[:, :1], 1, 2)
-    U = u.reshape(-1, 3)[mesh.t.T]
-    F = np.eye(3) + np.swapaxes(U[:, 1:] - U[:, :1], 1, 2) @ np.linalg.inv(vectors)
-    F = F.astype(np.float32)
-    E = (np.swapaxes(F, 1, 2) @ F - np.eye(3, dtype=np.float32)) / 2
-    mu, lam = np.float32(2 / 2.6), np.float32(0.6 / (1.3 * 0.4))
-    trace = np.einsum("eii->e", E)
-    W = float((np.abs(np.linalg.det(vectors)) / 6 * (lam / 2 * trace**2 + mu * (E**2).sum(axis=(1, 2)))).sum())
-    exact = System(mesh, TERM).energy(u)
-    textbook = abs(W - exact) / exact
-    ours = abs(System(mesh, TERM, dtype=np.float32).energy(u) - exact) / exact
-    assert 1e-5 < textbook < 0.1 and ours < textbook / 30
-
-
 @pytest.mark.parametrize("offset", [1e3, 1e6])
 def test_errors_do_not_grow_far_from_the_origin(offset):
     """Errors do not grow far from the origin, because rest edges and displacements are differences in double precision."""
@@ -120,13 +101,6 @@ def test_elements_too_flat_for_single_precision_give_a_warning():
     System(flat, TERM)  # no warning in double precision
 
 
-def test_units_do_not_matter():
-    """Squares and products stay in the range of single precision for steel in pascal, and millimetres in metres."""
-    mesh = box(2)
-    small = ElementMesh(1e-3 * mesh.p, mesh.t)
-    assert max(errors(small, StVK(young=210e9, poisson=0.3), stretched(small, 1e-3))) < LIMIT
-
-
 def test_all_results_have_the_requested_type():
     mesh = MESHES["tetrahedra"]
     body, u = System(mesh, TERM, dtype=np.float32), state(mesh)
@@ -147,12 +121,6 @@ def test_displacements_may_be_single_in_either_system(dtype):
     assert np.array_equal(body.tangent(u).data, body.tangent(same).data)
     assert np.array_equal(body.product(u, v), body.product(same, w))
     assert body.internal_force(u).dtype == dtype
-
-
-@pytest.mark.parametrize("dtype", [int, np.float16, complex, bool])
-def test_other_types_are_refused(dtype):
-    with pytest.raises(StvkError, match=r"dtype = .*; expected float64 or float32"):
-        System(MESHES["tetrahedra"], TERM, dtype=dtype)
 
 
 def test_a_nearly_incompressible_material_is_accurate():

@@ -31,14 +31,6 @@ def test_the_operator_is_the_tangent(name):
     assert np.abs(body.product(u, v) - K @ v).max() < limit
 
 
-def test_every_column_is_that_of_K():
-    u = state(SOLID.mesh)
-    K = SOLID.tangent(u).toarray()
-    columns = SOLID.linear_operator(u) @ np.eye(N)
-    assert columns.shape == (N, N) and np.abs(columns - K).max() < 1e-14 * np.abs(K).max()
-    assert np.abs(columns - columns.T).max() < 1e-14 * np.abs(K).max()
-
-
 def test_the_operator_is_its_own_adjoint():
     A = SOLID.linear_operator(state(SOLID.mesh))
     v = state(SOLID.mesh, seed=9)
@@ -55,17 +47,6 @@ def test_the_operator_has_shape_and_type(dtype):
     assert (A @ np.ones((N, 1))).shape == (N, 1)
     assert (A @ np.ones((N, 2))).shape == (N, 2)
     assert ((2 * A + A) @ np.arange(N)).shape == (N,)
-
-
-def test_a_constrained_body_is_solved_by_conjugate_gradients():
-    held = SOLID.free_dofs(np.flatnonzero(np.repeat(SOLID.mesh.p[2] < 0.2, 3)))
-    u = 0.1 * state(SOLID.mesh)
-    A, f = SOLID.linear_operator(u), np.cos(np.arange(len(held.free)))
-    n = len(held.free)
-    Aff = scipy.sparse.linalg.LinearOperator((n, n), lambda v: (A @ held.vector(v.ravel()))[held.free], dtype=A.dtype)
-    x, info = scipy.sparse.linalg.cg(Aff, f, rtol=1e-12, maxiter=5000)
-    exact = scipy.sparse.linalg.spsolve(held.matrix(SOLID.tangent(u)).tocsc(), f)
-    assert info == 0 and np.abs(x - exact).max() < 1e-8 * np.abs(exact).max()
 
 
 def test_a_product_is_never_stale():
@@ -118,7 +99,7 @@ def test_a_bad_vector_is_refused(v, message):
         SOLID.product(np.zeros(N), v)
 
 
-@pytest.mark.parametrize("call", [lambda u: SOLID.product(u, u), SOLID.linear_operator])
+@pytest.mark.parametrize("call", [lambda u: SOLID.product(u, u), SOLID.linear_operator, SOLID.linear_operator(np.zeros(N)).prepare])
 def test_a_bad_state_is_refused(call):
     with pytest.raises(StateError, match=r"u has shape \(5,\)"):
         call(np.zeros(5))
@@ -174,26 +155,10 @@ def test_an_operator_with_an_interrupted_preparation_refuses_products(monkeypatc
     assert np.abs(body.product(0.5 * u, v) - right).max() < 1e-13 * np.abs(right).max()
 
 
-def test_a_preparation_that_overflows_leaves_no_nan():
-    mesh = MESHES["tetrahedra"]
-    operator = System(mesh, StVK(young=2.0, poisson=0.3)).linear_operator(state(mesh))
-    with pytest.raises(StateError, match="K overflows"):
-        operator.prepare(1e160 * state(mesh))
-    with pytest.raises(StateError, match="is not prepared"):
-        operator @ state(mesh)
-
-
 def test_a_complex_vector_is_two_products():
     mesh = MESHES["tetrahedra"]
     operator, v = System(mesh, StVK(young=2.0, poisson=0.3)).linear_operator(state(mesh)), state(mesh, seed=9)
     assert np.array_equal(operator @ (v + 2j * v), operator @ v + 1j * (operator @ (2 * v)))
-
-
-def test_prepare_refuses_invalid_states():
-    mesh = MESHES["tetrahedra"]
-    operator = System(mesh, StVK(young=2.0, poisson=0.3)).linear_operator(state(mesh))
-    with pytest.raises(StateError, match="u has shape"):
-        operator.prepare(np.zeros((3, 3)))
 
 
 def constrained_body(name="tetrahedra, two regions"):
@@ -382,6 +347,17 @@ def test_a_changed_shift_takes_effect_in_the_next_product():
     assert np.abs(added[held.free] - shift).max() < 1e-13 * np.abs(diagonal).max() and not added[held.fixed].any()
 
 
+def product_of(K, v):
+    """Return the product (rows, 3) of `EdgeBlocks` without their shift."""
+    x, product = v.reshape(-1, 3)[K.vertices], np.zeros((len(K.vertices), 3))
+    for (a, b), block in zip(K.edges, K.blocks.reshape(-1, 3, 3), strict=True):
+        product[a] += block @ (x[b] - x[a])
+        product[b] += block.T @ (x[a] - x[b])
+    for a, block in zip(K.grounded, K.ground.reshape(-1, 3, 3), strict=True):
+        product[a] += block @ x[a]
+    return product
+
+
 @pytest.mark.parametrize("touching", [False, True])
 def test_the_blocks_by_edges_are_the_same_matrix(touching):
     """Terms of single vertices, such as contact, are blocks against the ground."""
@@ -394,18 +370,12 @@ def test_the_blocks_by_edges_are_the_same_matrix(touching):
     body, held = System(SOLID.mesh, terms), SOLID.free_dofs(np.arange(7))
     u, shift = state(SOLID.mesh), np.linspace(1, 2, SOLID.ndofs - 7)
     operator = FreeOperator(body.linear_operator(u), held, shift)
-    edges, blocks, vertices, same, grounded, ground = operator.by_edges()
-    assert same is shift and (len(np.unique(grounded)) > 5) == touching
+    K = operator.by_edges()
+    assert K.shift is shift and (len(np.unique(K.grounded)) > 5) == touching
     v = state(SOLID.mesh, seed=9)
     v[held.fixed] = 0
-    x, product = v.reshape(-1, 3)[vertices], np.zeros((len(vertices), 3))
-    for (a, b), block in zip(edges, blocks.reshape(-1, 3, 3), strict=True):
-        product[a] += block @ (x[b] - x[a])
-        product[b] += block.T @ (x[a] - x[b])
-    for a, block in zip(grounded, ground.reshape(-1, 3, 3), strict=True):
-        product[a] += block @ x[a]
     found = np.zeros((SOLID.mesh.nv, 3))
-    found[vertices] = product
+    found[K.vertices] = product_of(K, v)
     wanted = operator @ v[held.free]
     assert np.abs(found.ravel()[held.free] + shift * v[held.free] - wanted).max() < 1e-13 * np.abs(wanted).max()
 
@@ -424,14 +394,8 @@ def test_pairs_that_the_first_term_has_are_added_to_its_blocks(mesh):
     first = 3 * np.arange(len(u) // 3)[:, None] + np.arange(3)
     diagonal = np.array([K[rows][:, rows].toarray() for rows in first])
     assert np.abs(operator.diagonal_blocks() - diagonal).max() < 1e-14 * np.abs(diagonal).max()
-    edges, blocks, vertices, _, grounded, ground = operator.by_edges()
-    x, product = v.reshape(-1, 3)[vertices], np.zeros((len(vertices), 3))
-    for (a, b), block in zip(edges, blocks.reshape(-1, 3, 3), strict=True):
-        product[a] += block @ (x[b] - x[a])
-        product[b] += block.T @ (x[a] - x[b])
-    for a, block in zip(grounded, ground.reshape(-1, 3, 3), strict=True):
-        product[a] += block @ x[a]
-    assert np.abs(product - (K @ v).reshape(-1, 3)[vertices]).max() < 1e-13 * np.abs(K @ v).max()
+    by_edges = operator.by_edges()
+    assert np.abs(product_of(by_edges, v) - (K @ v).reshape(-1, 3)[by_edges.vertices]).max() < 1e-13 * np.abs(K @ v).max()
     operator.prepare(u)
     assert np.abs(operator @ v - K @ v).max() < 1e-14 * np.abs(K @ v).max() + 1e-15  # nothing is added twice
 

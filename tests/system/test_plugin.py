@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import scipy.sparse.linalg
 import skfem
-from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from skfem_stvk import StVK, System
 
@@ -13,11 +12,6 @@ MESH = skfem.MeshTet.init_tensor(np.linspace(0, 3, 7), *[np.linspace(0, 1, 3)] *
 )
 BASIS = skfem.Basis(MESH, skfem.ElementVector(skfem.ElementTetP1()))
 BODY = System(MESH, StVK(young=1e5, poisson=0.3))
-
-
-def test_at_rest_K_is_scikit_fems_linear_elasticity():
-    K = linear_elasticity(*lame_parameters(1e5, 0.3)).assemble(BASIS)
-    assert abs(BODY.tangent(np.zeros(BASIS.N)) - K).max() < 1e-13 * abs(K).max()
 
 
 def test_newton_with_condense_and_solve_reaches_equilibrium():

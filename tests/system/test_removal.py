@@ -37,7 +37,6 @@ from skfem_stvk import (
 )
 from skfem_stvk.edges import TENSILE
 from skfem_stvk.kernels.lanes import LANES
-from skfem_stvk.kernels.threads import threads
 from skfem_stvk.mesh.facets import facets_of, find_facets
 from skfem_stvk.results import Fields, animate, write_vtu
 from skfem_stvk.results.picture import picture_of
@@ -256,22 +255,6 @@ def test_a_barrier_ignores_removed_inverted_elements():
     assert 0 < len(inverted) < mesh.nt
     body = quietly(body.without, inverted)
     assert np.isfinite(body.energy(u)) and np.isfinite(body.tangent(u).data).all()
-
-
-@pytest.mark.slow
-def test_single_precision_and_threads():
-    import numba
-
-    single, double = Pair("tetrahedra", dtype=np.float32).remove(), Pair("tetrahedra").remove()
-    u = 0.5 * state(double.mesh)
-    assert alike(single.whole.internal_force(u), double.whole.internal_force(u), 1e-5)
-    assert alike(single.whole.tangent(u).data, double.whole.tangent(u).data, 1e-5)
-    K, F, many = double.whole.tangent(u).data, double.whole.internal_force(u), threads()
-    try:
-        numba.set_num_threads(3 - many if many < 3 else 1)
-        assert alike(double.whole.internal_force(u), F) and alike(double.whole.tangent(u).data, K)
-    finally:
-        numba.set_num_threads(many)
 
 
 def test_the_edge_form_is_that_of_the_remaining_body(pairs):

@@ -62,18 +62,6 @@ def test_results_are_the_same_to_the_last_bit_from_run_to_run(name, n, threads):
         assert np.array_equal(a, b)
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("name", BODIES)
-def test_any_number_of_parts_gives_the_same_results(name, monkeypatch):
-    mesh, terms = BODIES[name]
-    u, v, body = state(mesh), state(mesh, seed=9), System(mesh, terms)
-    in_parts(monkeypatch, 1)
-    alone = results(body, u, v)
-    for n in (2, 3, 64):
-        in_parts(monkeypatch, n)
-        assert_close(alone, results(body, u, v))
-
-
 @needs_two
 def test_meshes_that_are_large_enough_are_shared(threads, monkeypatch):
     monkeypatch.setattr(kernel_threads, "SMALLEST_PART", 2000)
@@ -187,19 +175,6 @@ def test_work_is_shared_again_when_the_number_changes(monkeypatch):
         body.tangent(state(mesh))
         shares.append(body.memory()["shares of threads"])
     assert shares[0] == shares[4] == 0 < shares[2] < shares[1] == shares[3]
-
-
-@pytest.mark.parametrize("n", [2, 5])
-def test_preparing_again_with_another_number_does_not_affect_other_operators(n, monkeypatch):
-    mesh, terms = BODIES["tetrahedra, isotropic"]
-    u, v, body = state(mesh), state(mesh, seed=9), System(mesh, terms)
-    operator = body.linear_operator(u)
-    before = operator @ v
-    in_parts(monkeypatch, n)
-    body.tangent(-u)
-    body.product(2 * u, v)
-    body.linear_operator(-3 * u)
-    assert_close([before], [operator @ v])
 
 
 def test_threads_that_request_the_pattern_at_the_same_time_get_one(monkeypatch):

@@ -29,7 +29,7 @@ from skfem_stvk.edges import ALL
 from skfem_stvk.mesh import ElementMesh, box
 from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MotionState
-from skfem_stvk.system.round_off import EPS
+from skfem_stvk.system.free_tangent import EPS
 from skfem_stvk.system.system import for_analysis
 from skfem_stvk.terms.loads.load import Moment, StepStart
 

@@ -34,7 +34,7 @@ from skfem_stvk.solvers.dynamics.motion import Motion
 from skfem_stvk.solvers.dynamics.record import MotionState
 from skfem_stvk.solvers.newton.stopwatch import Stopwatch
 from skfem_stvk.solvers.statics.equilibrium import Equilibrium
-from skfem_stvk.system.round_off import EPS
+from skfem_stvk.system.free_tangent import EPS
 from skfem_stvk.terms.loads.load import Moment
 
 LAWS = {"corotated": Corotated, "invertible": InvertibleStVK}

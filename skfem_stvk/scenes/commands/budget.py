@@ -21,7 +21,7 @@ from ...solvers.dynamics.at_rest import MANY, AtRest
 from ...solvers.reduced import PrecomputedResponse, ReducedSystem
 from ...solvers.statics import solve_static
 from ...system import System
-from ...system.protocol import ReducedLike
+from ...system.coordinates import ReducedLike
 from ...terminal import DONE
 from ...terms import NodalLoad, StVK
 from ...units import UNITS

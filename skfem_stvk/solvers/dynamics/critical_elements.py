@@ -16,8 +16,8 @@ from ...mesh import ElementMesh
 from ...mesh.displacements import by_vertex
 from ...system import System
 from ...system.bound import BoundTerms
+from ...system.coordinates import checked_whole
 from ...system.pattern import Pattern
-from ...system.protocol import checked_whole
 
 #: Number of elements whose eigenvalues are computed together; their matrices take a few megabytes.
 AT_ONCE = 4096

@@ -13,8 +13,8 @@ from ...arguments import Array
 from ...edges import ALL
 from ...space import Space
 from ...system import System, TangentOperator
+from ...system.coordinates import checked_system
 from ...system.mass import Mass
-from ...system.protocol import checked_system
 from ...terms.loads.load import APART, Assumed, Moment
 from .damping import Damping, damping_factors
 

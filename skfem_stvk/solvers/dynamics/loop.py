@@ -6,10 +6,10 @@ import numpy as np
 
 from ...errors import StateError, warn
 from ...linear.choose import header_text
+from ...mesh.mesh import parts_line
 from ...results.complete_files import WriteError
 from ...results.monitors import Finding, Monitors
 from ...results.penetration import contact_findings, start_within
-from ...system.divided import parts_line
 from ...terms.loads.rigid_contact import rigid
 from ...units import UnitSystem, remarks
 from ..newton.outcome import Interrupted, Status, raise_if_divided, stop_if_requested

@@ -20,9 +20,9 @@ from ...results import Fields, plot
 from ...results.fields import State
 from ...results.series import save_series
 from ...system import System
+from ...system.coordinates import checked_whole
 from ...system.free_tangent import SYMMETRIC, with_loads
 from ...system.mass import Mass
-from ...system.protocol import checked_whole
 from ...system.rigid import motions, parts_of_body
 from .critical_step import bound_on_eigenvalues
 from .shift_invert import ShiftedProblem, lowest_vectors, nearest_vectors

@@ -14,9 +14,7 @@ from ...errors import LoadError, StvkError, SupportError, name_ids
 from ...mesh.displacements import by_vertex
 from ...mesh.locations import Where
 from ...system import System
-from ...system.coordinates import Coordinates
-from ...system.divided import refuse_divided
-from ...system.protocol import ReducedLike, checked_system
+from ...system.coordinates import Coordinates, ReducedLike, checked_system
 from ...system.system import for_analysis
 from ...terms.loads.load import Moment
 from ..runs.ledger import Ledger
@@ -168,7 +166,7 @@ def simulate(
     )
     rule, checkpoint_file = checked_rule(remove), None
     if rule is not None:
-        refuse_divided(body.space.comm, "remove = a rule", "None", "elements can be removed from a body on one machine only.")
+        body.space.comm.refuse_divided("remove = a rule", "None", "elements can be removed from a body on one machine only.")
     with ExitStack() as stack:
         if output_files.checkpoint is not None:
             checkpoint_file = stack.enter_context(MotionCheckpoint(output_files.checkpoint, body.space))

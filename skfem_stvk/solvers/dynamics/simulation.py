@@ -21,9 +21,7 @@ from ...results.contact_forces import ContactState, contact_state
 from ...results.reactions import ReactionPlace
 from ...system import System
 from ...system.bound import elements_to_remove
-from ...system.coordinates import Coordinates
-from ...system.divided import refuse_divided
-from ...system.protocol import ReducedLike
+from ...system.coordinates import Coordinates, ReducedLike
 from ...system.signature import Fingerprint, sums_of
 from ...terminal import html_table
 from ..runs.ledger import Ledger
@@ -619,5 +617,5 @@ def _with_removed_energy(ledger: Ledger, names: Sequence[str]) -> Ledger:
 def _body(system: System | ReducedLike) -> System | Coordinates:
     """Return the body of the states; refuse bodies that cannot be stepped."""
     body = checked_body(system)
-    refuse_divided(body.space.comm, "Simulation(system)", "a body on one machine", "inputs and saved states are not exchanged.")
+    body.space.comm.refuse_divided("Simulation(system)", "a body on one machine", "inputs and saved states are not exchanged.")
     return body

@@ -9,7 +9,7 @@ from ...arguments import Array
 from ...errors import StateError
 from ...results.monitors import named_elements
 from ...system.equation import Equation
-from ...system.round_off import EPS
+from ...system.free_tangent import EPS
 from ...terms.loads.load import Moment, Time
 from ..newton.problem import Residual
 from ..newton.stopwatch import Stopwatch

@@ -13,8 +13,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
 from ...arguments import Array
 from ...linear import Factors, Kind, Outcome, Solution, SuperLU, Unknowns
-from ...linear.choose import direct
-from ...linear.inertia import COUNTED, ROUNDING, eigenvalues_below, inertia, shifted, transposition
+from ...linear.choose import COUNTED, ROUNDING, direct, eigenvalues_below, inertia, shifted, transposition
 from ...space import Space
 from .newton import usable
 from .problem import EigenProblem, Tangent

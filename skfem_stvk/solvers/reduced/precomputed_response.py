@@ -21,8 +21,8 @@ from ...mesh.locations import Where, describe, vertices_at
 from ...npz import Ids, Numbers, Stored, Within
 from ...results.complete_files import output_path
 from ...system import System
+from ...system.coordinates import checked_whole
 from ...system.free_tangent import solver_for
-from ...system.protocol import checked_whole
 from ...system.signature import Fingerprint, sums
 from ...terminal import CountedProgress, say
 from ..newton.processes import is_worker_process

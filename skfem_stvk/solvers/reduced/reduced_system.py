@@ -18,7 +18,7 @@ from ...mesh.displacements import finite_vector
 from ...npz import Numbers, Stored
 from ...results.array_files import write_text
 from ...system import System
-from ...system.protocol import checked_whole
+from ...system.coordinates import checked_whole
 from ...system.signature import Fingerprint, sums
 from ...terminal import Progress, duration
 from ...terms.loads.load import Time

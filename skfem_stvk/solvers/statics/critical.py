@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -14,8 +14,7 @@ from ...npz import Vector
 from ..newton.stability import lowest_mode, nearest_mode
 from .equilibrium import Equilibrium, Hyperplane, correct, path_tangent
 
-LIMIT_POINT: Literal["limit point"] = "limit point"
-BIFURCATION: Literal["bifurcation"] = "bifurcation"
+CriticalKind: TypeAlias = Literal["limit point", "bifurcation"]
 #: Relative precision of the location of a critical point on its step; factor by which residuals there are smaller than elsewhere.
 TOLERANCE, TIGHTER = 1e-10, 1e-3
 #: A test value below this fraction of its values at the ends of the step is zero. On large meshes round-off is not far below.
@@ -58,7 +57,7 @@ class CriticalPoint:
         path. The interpolation uses the zero of the lowest eigenvalue, where that is known.
     """
 
-    kind: Literal["limit point", "bifurcation"]
+    kind: CriticalKind
     t: float
     u: Vector
     mode: Vector
@@ -86,7 +85,7 @@ def find(problem: Equilibrium, before: Point, after: Point, reverses: bool, rtol
             return ()
         part = before.lowest / (before.lowest - after.lowest)
         mode = lowest_mode(problem, after.u, after.t).vector
-        return (_on_mesh(problem, _unresolved(BIFURCATION, before, after, part, mode)),)
+        return (_on_mesh(problem, _unresolved("bifurcation", before, after, part, mode)),)
     changed = before.negative is not None and after.negative is not None and before.negative != after.negative
     if not (changed or reverses):
         return ()
@@ -95,14 +94,14 @@ def find(problem: Equilibrium, before: Point, after: Point, reverses: bool, rtol
     fractions: list[float | None] = []
     if reverses:
         fractions.append(chord.root(chord.rate))
-        points.append(_point(LIMIT_POINT, chord, fractions[0], ()))
+        points.append(_point("limit point", chord, fractions[0], ()))
     if changes > reverses:
         roots = [chord.root(partial(chord.eigenvalue, passed)) for passed in range(changes)]
         if reverses:  # one of them is the limit point
             top = 0.5 if fractions[0] is None else fractions[0]
             roots.remove(min(roots, key=lambda f: np.inf if f is None else abs(f - top)))
         for f in roots:
-            points.append(_point(BIFURCATION, chord, f, [point.mode for point in points]))
+            points.append(_point("bifurcation", chord, f, [point.mode for point in points]))
             fractions.append(f)
     order = np.argsort([0.5 if f is None else f for f in fractions], kind="stable")
     return tuple(_on_mesh(problem, points[i]) for i in order)
@@ -123,7 +122,7 @@ def turning_point(problem: Equilibrium, before: Point, after: Point, rtol: float
         return None
 
 
-def _point(kind: Literal["limit point", "bifurcation"], chord: _Chord, f: float | None, without: Sequence[Array]) -> CriticalPoint:
+def _point(kind: CriticalKind, chord: _Chord, f: float | None, without: Sequence[Array]) -> CriticalPoint:
     """Return the critical point at the fraction `f` of the step; its mode is orthogonal to the modes `without` of the others."""
     if f is None:
         return _unresolved(kind, chord.before, chord.after, 0.5, chord.direction)
@@ -134,9 +133,7 @@ def _point(kind: Literal["limit point", "bifurcation"], chord: _Chord, f: float 
     return CriticalPoint(kind, t, u, _scaled(chord.direction if mode is None else mode), mode is not None)
 
 
-def _unresolved(
-    kind: Literal["limit point", "bifurcation"], before: Point, after: Point, part: float, mode: Array
-) -> CriticalPoint:
+def _unresolved(kind: CriticalKind, before: Point, after: Point, part: float, mode: Array) -> CriticalPoint:
     t, u = before.t + part * (after.t - before.t), before.u + part * (after.u - before.u)
     return CriticalPoint(kind, t, u, _scaled(mode), False)
 

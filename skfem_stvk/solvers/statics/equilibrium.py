@@ -13,14 +13,12 @@ from ...arguments import Array
 from ...edges import ALL, TENSILE
 from ...errors import StateError
 from ...linear import Factors, LinearSolver, Unknowns
-from ...linear.choose import direct
-from ...linear.inertia import COUNTED, inertia
+from ...linear.choose import COUNTED, direct, inertia
 from ...results.monitors import named_elements
 from ...system import FreeOperator, System
 from ...system.coordinates import Coordinates, DenseTangent
 from ...system.equation import Equation
-from ...system.free_tangent import FreeTangent, kind_of
-from ...system.round_off import EPS
+from ...system.free_tangent import EPS, FreeTangent, kind_of
 from ...terms.loads.load import Moment, StepStart, Time
 from ..newton.newton import End, Iterations, equilibrium_end, usable
 from ..newton.problem import Residual, Tangent

@@ -17,13 +17,12 @@ from ...errors import LoadError, StvkError, warn
 from ...linear import LinearSolver
 from ...linear.choose import header_text, is_auto
 from ...mesh.displacements import by_vertex
+from ...mesh.mesh import parts_line
 from ...results.monitors import Monitors
 from ...results.penetration import short_on_path
 from ...system import System
-from ...system.coordinates import Coordinates
-from ...system.divided import parts_line, refuse_divided
+from ...system.coordinates import Coordinates, ReducedLike, checked_system
 from ...system.free_tangent import solver_for
-from ...system.protocol import ReducedLike, checked_system
 from ...system.signature import AUTO, Fingerprint, sums_of
 from ...system.system import for_analysis
 from ...terminal import Progress
@@ -221,10 +220,10 @@ class StaticOptions:
         """Refuse options that a body which is divided into parts does not support."""
         if self.arc_length:
             factors = "the path is followed with factors of the whole K, which no part has."
-            refuse_divided(system.space.comm, "method = 'arc-length'", "'load-steps'", factors)
+            system.space.comm.refuse_divided("method = 'arc-length'", "'load-steps'", factors)
         if self.stability:
             eigenvalues = "eigenvalues of K are not computed, because no part has the whole K. Each result has a test of its state."
-            refuse_divided(system.space.comm, "stability = True", "False", eigenvalues)
+            system.space.comm.refuse_divided("stability = True", "False", eigenvalues)
 
     def signature(self, solver: str) -> dict[str, Any]:
         """Return the options that identify a problem in a checkpoint. `solver` is the name of the linear solver."""

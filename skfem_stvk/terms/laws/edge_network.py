@@ -17,7 +17,7 @@ from ...edges.network import ElementNetwork, QuarticNetwork
 from ...edges.stiffness import GeneralStiffness
 from ...edges.topology import edge_topology
 from ...errors import MeshError, StvkError, name_ids
-from ...linear.inertia import COUNTED, inertia
+from ...linear.choose import COUNTED, inertia
 from ...linear.solver import Unknowns
 from ...mesh import ElementMesh, MeshLike
 from ..body import Body

@@ -4,9 +4,11 @@ import numpy as np
 import skfem
 from bodies import turned_round
 
-from skfem_stvk import ElementMesh, Gravity, StVK, System, Traction
+from skfem_stvk import ElementMesh, Gravity, NodalLoad, StVK, System, Traction
 
 LOAD = np.array([30.0, -20.0, -60.0])
+#: Buckling load of `column`.
+CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 
 
 def beam(n=2, length=5.0, seed=7):
@@ -55,3 +57,19 @@ def column(load, imperfection=0.0, n=40):
         [StVK(young=1e4, poisson=0.3), Traction(lambda x: x[0] == 20, (-load, imperfection * load))],
         fixed={lambda x: x[0] == 0: "xy"},
     )
+
+
+def two_bars(rise, load):
+    """Return two bars from feet at (-1, 0) and (1, 0) to a node at the height `rise`, with a load there."""
+    p, t = np.array([[-1, 0, 1.0], [0, rise, 0]]), np.array([[0, 1], [1, 2]])
+    return System((p, t), [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], load)], fixed=[([0, 2], "xy")])
+
+
+def free_of(system):
+    """Return the ids of the degrees of freedom that can move."""
+    return np.setdiff1d(np.arange(system.ndofs), system.supports.held)
+
+
+def tangent(system, u, t=1.0):
+    """Return K over the free degrees of freedom, dense."""
+    return system.jacobian(u, t).toarray()[np.ix_(free_of(system), free_of(system))]

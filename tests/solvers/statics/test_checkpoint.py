@@ -10,7 +10,7 @@ import meshio
 import numpy as np
 import pytest
 import skfem
-from beams import LOAD, beam, bent, block, column
+from beams import CRITICAL, LOAD, beam, bent, block, column
 from test_arc_length import bar
 
 from skfem_stvk import Corotated, Gravity, InvertibleStVK, NodalLoad, Stop, StVK, System, Traction, solve_static
@@ -29,7 +29,6 @@ from skfem_stvk.solvers.statics.load_steps import LoadSteps
 from skfem_stvk.solvers.statics.stop import StopCriterion
 from skfem_stvk.system.signature import Fingerprint
 
-CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 OPTIONS = {"quiet": True, "raise_on_failure": False, "solver": "superlu"}
 
 

@@ -5,20 +5,18 @@ import itertools
 import numpy as np
 import pytest
 import skfem
-from beams import column
+from beams import CRITICAL, column, tangent, two_bars
 from slow import slow
 
 from skfem_stvk import Isotropic, NodalLoad, Stop, StVK, StvkWarning, System, Traction, VolumePenalty, solve_static
 from skfem_stvk.solvers.statics import Status, critical
 from skfem_stvk.solvers.statics.critical import Point
 
-CRITICAL = np.pi**2 * (1e4 / (1 - 0.3**2)) / 12 / (4 * 20**2)
 OPTIONS = {"quiet": True, "raise_on_failure": False}
 
 
 def lowest(system, u, t, count=3):
-    held = system.free_dofs(system.supports.held)
-    return np.linalg.eigvalsh(held.matrix(system.jacobian(u, t)).toarray())[:count]
+    return np.linalg.eigvalsh(tangent(system, u, t))[:count]
 
 
 def strut(load, sides=(1.0, 1.0)):
@@ -113,9 +111,7 @@ def test_a_path_that_jumps_has_at_most_unresolved_points():
 
     A load that drops suddenly pushes two bars through, so that no path connects two of the states.
     """
-    p, t = np.array([[-1, 0, 1.0], [0, 0.1, 0]]), np.array([[0, 1], [1, 2]])
-    terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], lambda t: (0, -0.72 * t if t <= 0.5 else -0.5))]
-    result = solve_static(System((p, t), terms, fixed=[([0, 2], "xy")]), steps=2, **OPTIONS)
+    result = solve_static(two_bars(0.1, lambda t: (0, -0.72 * t if t <= 0.5 else -0.5)), steps=2, **OPTIONS)
     assert all(np.isfinite(point.u).all() and np.isfinite(point.t) for point in result.critical_points)
 
 
@@ -159,10 +155,8 @@ def test_limit_points_and_bifurcations_in_one_step_are_distinguished(rise, kinds
 
     Two steep bars buckle sideways as well as downwards.
     """
-    p, t = np.array([[-1, 0, 1.0], [0, rise, 0]]), np.array([[0, 1], [1, 2]])
-    terms = [StVK(young=1e5, poisson=0.3, area=1e-2), NodalLoad([1], (0, -300.0))]
     stop = Stop(displacement=([1], "y", -rise))
-    result = solve_static(System((p, t), terms, fixed=[([0, 2], "xy")]), steps=steps, method="arc-length", stop=stop, **OPTIONS)
+    result = solve_static(two_bars(rise, (0, -300.0)), steps=steps, method="arc-length", stop=stop, **OPTIONS)
     assert [point.kind for point in result.critical_points] == kinds
     down = [-point.u[3] for point in result.critical_points]
     assert down == sorted(down)

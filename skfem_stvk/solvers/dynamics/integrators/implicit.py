@@ -18,7 +18,6 @@ from ....linear.dense import DenseSolver
 from ....mesh.displacements import by_vertex
 from ....system import System
 from ....system.coordinates import Coordinates
-from ....system.divided import refuse_divided
 from ....system.free_tangent import entries_of, with_loads
 from ....terms.loads.load import Moment
 from ...newton.newton import BEFORE_THE_LIMIT, Iterations, NewtonOptions, newton
@@ -73,7 +72,7 @@ class Implicit(Integrator):
             return solver
         if motion.mass.kind == "consistent":
             what = f"mass = 'consistent' with solver = '{solver.name}'"
-            refuse_divided(motion.system.space.comm, what, "'lumped', or solver='petsc'", "a consistent mass requires a matrix.")
+            motion.system.space.comm.refuse_divided(what, "'lumped', or solver='petsc'", "a consistent mass requires a matrix.")
         own = solver if isinstance(solver, BlockJacobiCg) else SsorCg()
         first, *others = motion.system.bound_terms
         several = isinstance(solver, SsorCg) and not all(couples_pairs_of(first, term) for term in others)
