@@ -95,6 +95,15 @@ WARNINGS = {
         ),
         ("their corner vertices are used", "elements of higher order among linear ones", "Write the whole mesh in order 2."),
         (
+            "are split into",
+            "wedges, pyramids, or elements of several kinds in a file",
+            "Nothing, if linear simplices are fine enough; else mesh again.",
+        ),
+        ("are left out: they have no volume", "masses, springs and connectors in a file", "Add them as terms of the body."),
+        ("is left out: it has the type", "analytical surfaces of Abaqus", "Use a shape of `RigidContact`."),
+        ("that are not defined; they are left out", "a range of ids with gaps", "Nothing, if the set is what you expect."),
+        ("straightened, because they fold", "`straighten=True`", "Nothing, if few elements are meant."),
+        (
             "dropped, because they are on none",
             "vertices without elements, such as centres of arcs",
             "For ends of cables: `read_mesh(path, keep=[names])`.",

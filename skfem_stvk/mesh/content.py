@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arguments import real_array
-from ..errors import MeshError, name_ids, warn
+from ..errors import MeshError, StvkWarning, name_ids, warn
 from .element import Element, named
 from .facets import further_nodes, with_midpoints
-from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, Damaged, refused
+from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, CutOff, Damaged, refused
 from .formats.stream import check_unique
 from .groups import (
     DIMENSION,
@@ -37,6 +37,10 @@ from .groups import (
     node_groups,
     nodes,
 )
+from .split import split_cells
+
+#: What pip installs for a package, if it is an extra of this one.
+EXTRAS = {"netCDF4": "'skfem-stvk[exodus]'"}
 
 
 class Content(NamedTuple):
@@ -61,19 +65,25 @@ def content_in_memory(raw: meshio.Mesh, name: str) -> Content:
 
 
 def content_of(
-    raw: meshio.Mesh, name: str, degree: int | None = None, dimension: int | None = None, keep: Collection[str] = ()
+    raw: meshio.Mesh,
+    name: str,
+    degree: int | None = None,
+    dimension: int | None = None,
+    keep: Collection[str] = (),
+    split: bool = True,
 ) -> Content:
     """Return the elements of a mesh as read, whose cells have been checked; messages begin with `name`.
 
     The other arguments are those of `read_mesh`.
     """
+    inner, raw = inner_nodes(raw.cells), split_cells(raw, name, split)
     base = base_of(raw, name)
     element = element_of(raw, base, degree)
     warn_of_cells(raw, element, degree)
     try:
         sets = cell_groups(raw, base)
         t, subdomains = nodes(raw.cells, base, element), groups_of_kind(sets, raw, base)
-        if "gmsh:physical" in raw.cell_data:
+        if "gmsh:physical" in raw.cell_data or (raw.info or {}).get("format") == "gmsh":
             t, subdomains = merge_copies(t, subdomains)
         facets, lines = facet_groups(raw, sets, base), line_groups(raw, sets, base)
         ends = [groups[key].ravel() for groups in (facets, lines) for key in keep if key in groups]
@@ -81,7 +91,6 @@ def content_of(
         p = in_dimension(np.asarray(raw.points, dtype=np.float64).T[:, numbers.order], base.k, dimension_of(raw, dimension))
     except MeshError as error:
         raise MeshError(f"{name}: {error}") from error
-    inner = inner_nodes(raw.cells)
     warn_of_vertices(len(raw.points), base, numbers.order, inner)
     boundaries = {key: numbers.number[ids] for key, ids in facets_on(numbers.order, facets).items()}
     cables = {key: numbers.number[ids] for key, ids in lines.items()}
@@ -307,17 +316,20 @@ def load(path: Path) -> meshio.Mesh:
     try:
         return checked(path)
     except Damaged as error:
-        raise damaged(path, str(error)) from error
+        raise damaged(path, str(error), isinstance(error, CutOff)) from error
     except PermissionError as error:
         raise MeshError(f"{path} cannot be read: {error.strerror}. Change its permissions, or copy it.") from error
     except ModuleNotFoundError as error:
         raise MeshError(
-            f"Reading {path.suffix} files needs the package {error.name}, which is not installed: pip install {error.name}"
+            f"Reading {path.suffix} files needs the package {error.name}, which is not installed: pip install "
+            f"{EXTRAS.get(error.name or '', error.name)}"
         ) from error
     except MemoryError as error:
         raise MeshError(f"{path} declares more data than fit into memory. Is it damaged? Write it again.") from error
+    except StvkWarning:  # a note of what is left out, which the user has made an error
+        raise
     except Exception as error:
-        raise damaged(path, f"{type(error).__name__}: {error}") from error
+        raise damaged(path, f"its content is inconsistent ({error})", False) from error
 
 
 def parts_of(path: Path) -> list[Path]:
@@ -377,7 +389,7 @@ def check_file(path: Path) -> None:
             "it: "
             f"meshio convert {quote(str(path))} {quote(f'{path.stem}.vtu')}"
         )
-    known = sorted(set(meshio.extension_to_filetypes) - set(REFUSED))
+    known = sorted({*meshio.extension_to_filetypes, *READERS} - set(REFUSED))
     if path.suffix.lower() not in known:
         raise MeshError(
             f"{path} has the unknown extension {path.suffix!r}; known: {', '.join(known)}. Rename the file if it is of one of "
@@ -387,9 +399,6 @@ def check_file(path: Path) -> None:
         raise MeshError(f"{path} is empty. Did the program that writes it fail, or is it still writing?")
 
 
-def damaged(path: Path, reason: str) -> MeshError:
-    """Return the error for a file with inconsistent content."""
-    again = "Write it again" + (", from Gmsh with Mesh.SaveAll = 0." if path.suffix.lower() == ".msh" else ".")
-    return MeshError(
-        f"{path} could not be read: {reason.rstrip('.: ')}. Is it cut off, or not really a {path.suffix} file? {again}"
-    )
+def damaged(path: Path, reason: str, cut_off: bool) -> MeshError:
+    """Return the error for a file that cannot be read; one of which something is missing may be cut off."""
+    return MeshError(f"{path} could not be read: {reason.rstrip('.: ')}.{' Is it cut off? Write it again.' if cut_off else ''}")

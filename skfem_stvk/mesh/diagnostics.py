@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,13 +117,30 @@ def _faults_of_shapes(mesh: MeshArrays, ids: NDArray[np.int64]) -> Iterator[Rema
         quadratic = mesh.element.degree == 2
         order = "edge midpoints" if quadratic else "vertices"
         otherwise = "an edge that is curved too far" if quadratic else "a corner that is pushed in or flat"
-        advice = "use straight edges (degree=1, or mesh.with_degree(1))" if quadratic else "remesh"
+        advice = (
+            "straighten them alone: read_mesh(path, straighten=True), or all: degree=1, mesh.with_degree(1)"
+            if quadratic
+            else "remesh"
+        )
         text = (
             f"{name_ids(bad, 'element')}: the Jacobian vanishes or changes its sign among their points and nodes, so they fold "
             f"over themselves. Are their {order} in another order ({element_order(mesh)} is expected), or is there {otherwise}? "
             f"Look at them, or {advice}."
         )
         yield Remark("folded", bad, text)
+
+
+def straightened(mesh: ElementMesh) -> ElementMesh:
+    """Return the mesh with straight edges in the quadratic elements that fold over themselves, and warn of these."""
+    p, every = mesh.p.copy(), np.empty(0, dtype=np.int64)
+    while (bad := np.setdiff1d(folded_elements(Cells(p, mesh.t, mesh.element)), every)).size:  # neighbours may fold then
+        for i, corners in enumerate(mesh.element.means):
+            p[:, mesh.t[mesh.element.corners + i, bad]] = p[:, mesh.t[list(corners)][:, bad]].mean(axis=1)
+        every = np.union1d(every, bad)
+    if not every.size:
+        return mesh
+    warn(f"{name_ids(every, 'element')}: straightened, because they fold over themselves with curved edges.")
+    return replace(mesh, p=p)
 
 
 def element_order(mesh: MeshArrays) -> str:

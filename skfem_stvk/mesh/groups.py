@@ -175,6 +175,17 @@ def linear_kind(cell_type: str) -> str:
     return next((one.linear.name for one in (*ELEMENTS.values(), POINT) if family in (one.cell.family, one.cell.lagrange)), "")
 
 
+def family(block: Any) -> str:
+    """Return the type of cells without the number of nodes.
+
+    >>> from meshio import CellBlock
+    >>> family(CellBlock("tetra10", [])), family(CellBlock("VTK_LAGRANGE_WEDGE", []))
+    ('tetra', 'wedge')
+    """
+    words = str(block.type).rstrip("0123456789").removeprefix("VTK_LAGRANGE_").lower()
+    return {"tetrahedron": "tetra", "quadrilateral": "quad"}.get(words, words)
+
+
 def node_count(cell_type: str) -> int | None:
     """Return the number of nodes of a cell type in meshio's terms; None if it is unknown, or varies from cell to cell.
 
@@ -208,8 +219,10 @@ def _in_our_order(t: NDArray[Any], element: Element) -> NDArray[Any]:
 
 def inner_nodes(cells: Iterable[Any]) -> NDArray[np.int64]:
     """Return the nodes of elements of higher order that are not corners: on edges, faces or inside."""
-    kinds = [(block, linear_kind(block.type)) for block in cells if len(block)]
-    blocks = [np.ravel(block.data[:, named(kind).n :]) for block, kind in kinds if kind]
+    blocks = []
+    for block in cells:
+        if len(block) and family(block) in CORNERS:
+            blocks.append(np.ravel(np.asarray(block.data)[:, CORNERS[family(block)] :]))
     return np.unique(np.concatenate([np.empty(0, dtype=np.int64), *blocks])).astype(np.int64)
 
 
@@ -222,7 +235,7 @@ def count_cells(cells: Iterable[Any]) -> str:
     """
     counts: Counter[str] = Counter()
     for block in cells:
-        counts[block.type] += len(block)
+        counts[f"higher-order {family(block)}" if block.type.startswith("VTK_") else block.type] += len(block)
     *most, last = [f"{count} {cell_type}" for cell_type, count in counts.items()]
     return (", ".join(most) + " and " if most else "") + last + " cells"
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..arguments import path as checked_path
 from ..errors import MeshError
+from .diagnostics import straightened
 from .mesh import ElementMesh, checked_degree
 
 #: Suffixes of partition files, of which each rank reads its part; see `skfem_stvk.ranks`.
@@ -25,7 +26,13 @@ def is_partition(path: str | os.PathLike[str]) -> bool:
 
 
 def read_mesh(
-    path: str | Path, degree: int | None = None, *, dimension: int | None = None, keep: Collection[str] = ()
+    path: str | Path,
+    degree: int | None = None,
+    *,
+    dimension: int | None = None,
+    keep: Collection[str] = (),
+    split: bool = True,
+    straighten: bool = False,
 ) -> ElementMesh:
     """Read the elements of a mesh file: Gmsh, VTK, VTU, Abaqus and the other formats of `docs/reference/mesh-files.md`.
 
@@ -51,6 +58,11 @@ def read_mesh(
     keep
         Names of groups of facets or segments that terms use as their own elements, `StVK(..., simplices=NAME)`. Their nodes stay,
         even without another element.
+    split
+        Whether wedges, pyramids, hexahedra with a repeated vertex, and elements of another kind next to them are split into
+        tetrahedra, and quadrilaterals next to triangles into triangles, with a warning. False refuses such a file.
+    straighten
+        Whether quadratic elements that fold over themselves get straight edges, with a warning.
 
     Returns
     -------
@@ -79,8 +91,9 @@ def read_mesh(
 
     file = checked_path("path", path, "the path of a mesh file", MeshError)
     degree, names = None if degree is None else checked_degree(degree), (keep,) if isinstance(keep, str) else keep
-    mesh = ElementMesh.made_of(content_of(load(file), str(file), degree, dimension, names), str(file))
-    return mesh if degree is None else mesh.with_degree(degree)
+    mesh = ElementMesh.made_of(content_of(load(file), str(file), degree, dimension, names, split), str(file))
+    mesh = mesh if degree is None else mesh.with_degree(degree)
+    return straightened(mesh) if straighten else mesh
 
 
 def embedded_mesh() -> ElementMesh:

@@ -70,7 +70,7 @@ ELEMENTS = MSH[MSH.index("$Elements") :]
         (MSH.replace("2 3 4 5", "2 3 4 0"), r"its elements: 1 node \(0\)"),
         (
             MSH.replace("5 1 1 1", "0 1 1 1").replace("2 3 4 5", "2 3 4 0"),
-            r"tags from 0 to 4; expected whole numbers from 1 \(not 0\)",
+            r"tags from 0 to 4; expected whole numbers from 1",
         ),
         (
             MSH.replace("$Elements\n2", "$Elements\n1"),
@@ -78,7 +78,7 @@ ELEMENTS = MSH[MSH.index("$Elements") :]
         ),
         (
             MSH.replace("$Elements\n2", "$Elements\n3"),
-            r"the element '\$EndElements' has not|3 elements are declared, 2 were found|invalid",
+            r"3 elements are declared, 2 were found|contain other text than whole numbers",
         ),
         (MSH.replace("$Nodes\n5", "$Nodes\n4"), r"5 1 1 1 follows the entries that \$Nodes declares; expected \$EndNodes"),
         (MSH.replace("\n5 1 1 1", "\n4 1 1 1"), r"1 node \(4\) more than once"),
@@ -89,8 +89,7 @@ ELEMENTS = MSH[MSH.index("$Elements") :]
         (MSH + ELEMENTS, r"\$Elements occurs twice"),
         (MSH.replace("5 1 1 1", "5 1 1 nan"), r"1 vertex \(4\) with coordinates that are not finite"),
         (MSH.replace("$Nodes\n5", "$Nodes\n-5"), "number of nodes = '-5'; expected a whole number"),
-        (MSH.replace("2.2 0 8", "7.0 0 8"), "it is of version 7.0; versions 2.2, 4.0 and 4.1 are read"),
-        (MSH.replace("5 1 1 1", "700000000 1 1 1"), "expected whole numbers from 1 .* to at most 10000"),
+        (MSH.replace("2.2 0 8", "7.0 0 8"), "it is of version 7.0; versions 2.0 - 2.2, 4.0 and 4.1 are read"),
     ],
 )
 def test_inconsistent_gmsh_files_are_refused(text, message, tmp_path):
@@ -123,7 +122,7 @@ def test_abaqus_files_that_end_within_a_line_are_refused(fraction, tmp_path):
         ("*ELSET, ELSET=part\n1, 77\n", r"Element set 'part': 1 element \(77\) not defined"),
         ("*NSET, NSET=pin\n1, 77\n", r"Node set 'pin': 1 node \(77\)"),
         ("*ELSET, ELSET=part, GENERATE\n9, 1\n", r"GENERATE has '9, 1'; expected the first element, the last one"),
-        ("*ELSET, ELSET=part, GENERATE\n1, 100000000\n", r"GENERATE: 1 element \(100000000\) not defined"),
+        ("*ELSET, ELSET=part, GENERATE\n5, 100000000\n", r"part': GENERATE has '5, 100000000', and none of these ids is defined"),
         ("*INCLUDE, INPUT=/dev/zero\n", "it includes '/dev/zero', which is not in its folder"),
         ("*INCLUDE, INPUT=mesh.inp\n", "it includes files more than 8 deep, or more than 100: itself"),
     ],
@@ -142,9 +141,9 @@ def test_a_fifo_among_the_files_that_an_input_file_includes_is_refused(tmp_path)
 
 
 def test_vtk_cells_of_unknown_types_are_refused(tmp_path):
-    content = written("vtk").content.replace(b"CELL_TYPES 40\n10\n10", b"CELL_TYPES 40\n10\n11")
+    content = written("vtk").content.replace(b"CELL_TYPES 40\n10\n10", b"CELL_TYPES 40\n10\n15")
     (tmp_path / "mesh.vtk").write_bytes(content)
-    with pytest.raises(MeshError, match="1 cells are of VTK's types 11, which are not supported"):
+    with pytest.raises(MeshError, match="1 cells are of VTK's types 15, which are not supported"):
         read_mesh(tmp_path / "mesh.vtk")
 
 
@@ -202,14 +201,6 @@ def test_a_file_without_read_permission_is_not_called_damaged(tmp_path, monkeypa
     ) as caught:
         read_mesh(file)
     assert "cut off" not in str(caught.value)
-
-
-def test_points_in_coordinate_systems_of_their_own_are_refused(tmp_path):
-    file = tmp_path / "mesh.bdf"
-    meshio.write(file, meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]))
-    file.write_text(file.read_text().replace("BEGIN BULK\n", "BEGIN BULK\nCORD2C  1\n"))
-    with pytest.raises(MeshError, match=r"coordinate systems of its own \(CORD\.\.\.\)"):
-        read_mesh(file)
 
 
 def test_tetgen_elements_out_of_order_are_refused(tmp_path):
@@ -315,14 +306,3 @@ def test_inconsistent_su2_files_are_refused(old, new, message, tmp_path):
     (tmp_path / "mesh.su2").write_text(SU2.replace(old, new, 1))
     with pytest.raises(MeshError, match=message):
         read_mesh(tmp_path / "mesh.su2")
-
-
-def test_a_node_that_nastran_does_not_define_is_named(tmp_path):
-    """The id of one node occurs twice, and its own id is missing; meshio raises a KeyError."""
-    file = tmp_path / "mesh.nas"
-    write(file, TETS.p.T, [("tetra", TETS.t.T)])
-    text = file.read_text()
-    file.write_text(text.replace(f"{'GRID*':8}{2:<16}", f"{'GRID*':8}{1:<16}", 1))
-    assert file.read_text() != text
-    with pytest.raises(MeshError, match="names 2, which is not defined in it"):
-        read_mesh(file)

@@ -3,6 +3,7 @@
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,8 +11,9 @@ import skfem
 from bodies import jacobians
 from meshfiles import curved
 
-from skfem_stvk import ElementMesh, MeshError, StVK, StvkWarning, System
-from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, folded_elements, parts
+from skfem_stvk import ElementMesh, MeshError, StVK, StvkWarning, System, read_mesh, write_mesh
+from skfem_stvk.mesh import box
+from skfem_stvk.mesh.diagnostics import check_mesh, flat_elements, folded_elements, parts, straightened
 from skfem_stvk.mesh.element import ELEMENTS
 from skfem_stvk.mesh.points import rule_of
 
@@ -285,3 +287,28 @@ def test_faulty_nodes_of_quadratic_and_hexahedral_meshes_are_named(mesh):
         check_mesh(ElementMesh(p, good.t, element=good.element))
     with pytest.raises(MeshError, match=r"1 element \(\d+\): the same vertices as an earlier element"):
         check_mesh(ElementMesh(good.p, np.column_stack([good.t, good.t[:, 5]]), element=good.element))
+
+
+@pytest.mark.parametrize("path", [None, "mesh.vtu"])
+def test_elements_that_fold_are_straightened_alone(path, tmp_path):
+    """Other elements stay curved, and nodes that neighbours share move once."""
+    whole = box((1.0, 1.0, 1.0), (2, 2, 2)).with_degree(2)
+    p = whole.p.copy()
+    middles = np.arange(whole.nvertices, whole.nv)
+    p[:, middles] += 0.02 * np.random.default_rng(0).standard_normal((3, len(middles)))  # curved everywhere
+    corner = whole.t[4, 7]
+    p[:, corner] = p[:, whole.t[2, 7]]  # the middle of an edge, at another corner
+    mesh = replace(whole, p=p)
+    folded = folded_elements(mesh)
+    assert 0 < len(folded) < whole.nt
+    with pytest.raises(MeshError, match=r"fold over themselves.*read_mesh\(path, straighten=True\)"):
+        check_mesh(mesh)
+    with pytest.warns(StvkWarning, match=f"^{len(folded)} elements .*: straightened, because they fold over themselves"):
+        found = read_mesh(write_mesh(tmp_path / path, mesh), straighten=True) if path else straightened(mesh)
+    check_mesh(found)
+    straight = np.setdiff1d(whole.t[4:, folded], [])
+    assert np.allclose(found.p[:, straight], whole.p[:, straight]) and np.array_equal(
+        found.p[:, : whole.nvertices], p[:, : whole.nvertices]
+    )
+    others = np.setdiff1d(middles, straight)
+    assert len(others) and np.array_equal(found.p[:, others], p[:, others]) and straightened(whole) is whole

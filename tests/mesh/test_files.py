@@ -28,7 +28,7 @@ def test_an_unknown_extension_is_refused_with_the_known_ones(tmp_path):
     ("name", "format_"),
     [
         ("a b.avs", "AVS-UCD"), ("m.dat", "Tecplot"), ("m.dato.gz", "Permas"), ("m.f3grid", "FLAC3D"), ("m.mdpa", "Kratos"),
-        ("m.OBJ", "Wavefront OBJ"), ("m.lb8.ugrid", "UGRID"), ("m.vol.gz", "Netgen"), ("m.wkt", "WKT"), ("m.xml", "DOLFIN XML"),
+        ("m.lb8.ugrid", "UGRID"), ("m.vol.gz", "Netgen"), ("m.wkt", "WKT"), ("m.xml", "DOLFIN XML"),
     ],
 )  # fmt: skip
 def test_a_format_without_damage_checks_is_refused_with_the_command_that_converts_it(name, format_, tmp_path):
@@ -58,11 +58,14 @@ def test_an_empty_file_is_refused(ending, tmp_path):
         read_mesh(tmp_path / f"mesh.{ending}")
 
 
-@pytest.mark.parametrize(("ending", "package"), [("med", "h5py"), ("h5m", "h5py"), ("exo", "netCDF4")])
-def test_a_format_that_needs_another_package_names_it(ending, package, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("ending", "package", "line"),
+    [("med", "h5py", "h5py"), ("h5m", "h5py", "h5py"), ("exo", "netCDF4", r"'skfem-stvk\[exodus\]'")],
+)
+def test_a_format_that_needs_another_package_names_it(ending, package, line, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, package, None)
     (tmp_path / f"mesh.{ending}").write_text("data")
-    with pytest.raises(MeshError, match=rf"Reading \.{ending} files needs the package {package}.*: pip install {package}"):
+    with pytest.raises(MeshError, match=rf"Reading \.{ending} files needs the package {package}.*: pip install {line}"):
         read_mesh(tmp_path / f"mesh.{ending}")
 
 
@@ -84,7 +87,7 @@ def test_a_file_that_is_cut_off_is_refused_and_nothing_is_printed(ending, option
     meshio.write(file, meshio.Mesh(TETS.p.T, [("tetra", TETS.t.T)]), **options)
     file.write_bytes(file.read_bytes()[: int(part * file.stat().st_size)])
     capfd.readouterr()
-    with pytest.raises(MeshError, match=rf"mesh\.{ending}.*(Is it cut off, or|outside 0)"):
+    with pytest.raises(MeshError, match=rf"mesh\.{ending}.*could not be read"):
         read_mesh(file)
     assert capfd.readouterr() == ("", "")
 

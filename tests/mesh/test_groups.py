@@ -36,10 +36,25 @@ def test_element_sets_of_abaqus_files_by_gmsh_are_read(two_boxes):
     assert set(mesh.p[0, mesh.boundaries["PhysicalSurface40"]].ravel()) == {0, 1}
 
 
-def test_gmsh_files_with_ungrouped_cells_are_refused_with_a_remedy(two_boxes):
-    file = two_boxes("all.msh", Mesh_SaveAll=1, Mesh_MshFileVersion=4.1)
-    with pytest.raises(MeshError, match=r"could not be read: ValueError: Incompatible cell data.*from Gmsh with Mesh\.SaveAll = 0"):
-        read_mesh(file)
+@pytest.mark.parametrize(
+    ("version", "binary", "parametric"), [(2.2, 0, 0), (2.2, 1, 0), (4.0, 0, 0), (4.0, 0, 1), (4.1, 0, 1), (4.1, 1, 0), (4.1, 1, 1)]
+)
+def test_options_of_gmsh_do_not_change_the_mesh_and_its_groups(version, binary, parametric, two_boxes):
+    """Files with all elements have many blocks without a group; parametric nodes have further numbers."""
+    options = {"Mesh_SaveAll": int(version > 3), "Mesh_MshFileVersion": version, "Mesh_Binary": binary}
+    mesh = read_mesh(two_boxes("all.msh", **options, Mesh_SaveParametric=parametric))
+    plain = read_mesh(two_boxes("boxes.msh"))
+    assert np.isclose(volumes(mesh).sum(), 2) and mesh.nt == plain.nt and mesh.subdomains.keys() == {"steel", "rubber", "all"}
+    assert all(
+        np.isclose(volumes(mesh)[mesh.subdomains[name]].sum(), size) for name, size in (("steel", 1), ("rubber", 1), ("all", 2))
+    )
+    assert {name: facets.shape[1] for name, facets in mesh.boundaries.items()} == {
+        name: facets.shape[1] for name, facets in plain.boundaries.items()
+    }
+
+
+def volumes(mesh):
+    return np.abs(np.linalg.det((mesh.p[:, mesh.t[1:]] - mesh.p[:, None, mesh.t[0]]).transpose(2, 0, 1))) / 6
 
 
 @pytest.mark.parametrize("version", [2.2, 4.1])
@@ -141,8 +156,7 @@ def test_an_included_file_is_read_with_its_element_sets(tmp_path):
     ("text", "message"),
     [
         (INP + "*ELSET, ELSET=few\nSteel, Wood\n", "Element set 'few' names the set 'Wood', which is not defined above it"),
-        (INP + "*NODE\n7, 0., 0., 0.\n", r"has 2 \*NODE sections; expected one. An assembly of several parts\?"),
-        (INP.replace("TYPE=S3", "TYPE=S17"), "could not be read: Element type not available: S17"),
+        (INP.replace("TYPE=S3", "TYPE=S17"), "could not be read: its elements have the type S17, which is not read"),
         (INP.replace("10, 1, 2", "10, 8, 2"), "could not be read: its elements: 1 node .8. not defined"),
         ("*INCLUDE, INPUT=gone.inp\n", "could not be read: .*gone.inp., which it needs, is missing or not a regular file"),
     ],

@@ -84,9 +84,9 @@ def test_physical_points_and_curves_of_gmsh_are_node_sets(version, order, gmsh, 
 
 def test_point_sets_of_meshio_become_node_sets(tmp_path, monkeypatch):
     raw = meshio.Mesh(np.array(CUBE, dtype=float), [("tetra", np.array(FIVE_TETS))], point_sets={"pin": np.array([3, 1])})
-    (tmp_path / "mesh.exo").write_text("data")
+    (tmp_path / "mesh.cgns").write_text("data")
     monkeypatch.setattr("meshio.read", lambda path: raw)
-    assert read_mesh(tmp_path / "mesh.exo").node_sets["pin"].tolist() == [1, 3]
+    assert read_mesh(tmp_path / "mesh.cgns").node_sets["pin"].tolist() == [1, 3]
 
 
 def test_middle_nodes_are_in_their_set_or_removed_without_a_further_warning(tmp_path, monkeypatch):
@@ -97,9 +97,9 @@ def test_middle_nodes_are_in_their_set_or_removed_without_a_further_warning(tmp_
         [("tetra10", np.arange(10)[None])],
         point_sets={"edge": np.array([0, 1, 4])},
     )
-    (tmp_path / "mesh.exo").write_text("data")
+    (tmp_path / "mesh.cgns").write_text("data")
     monkeypatch.setattr("meshio.read", lambda path: raw)
-    assert read_mesh(tmp_path / "mesh.exo").node_sets["edge"].tolist() == [0, 1, 4]
+    assert read_mesh(tmp_path / "mesh.cgns").node_sets["edge"].tolist() == [0, 1, 4]
     with pytest.warns(StvkWarning, match="of higher order") as caught:
-        mesh = read_mesh(tmp_path / "mesh.exo", degree=1)
+        mesh = read_mesh(tmp_path / "mesh.cgns", degree=1)
     assert len(caught) == 1 and mesh.node_sets["edge"].tolist() == [0, 1]

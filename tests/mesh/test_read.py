@@ -197,29 +197,12 @@ def test_cells_that_mark_boundaries_cause_no_warning(tmp_path):
     assert (mesh.k, mesh.nt, mesh.nv) == (3, 5, 8)
 
 
-def test_wedges_among_tetrahedra_are_left_out_with_a_warning(tmp_path):
-    points = [*CUBE, [0.5, 0.5, 2]]
-    cells = [("tetra", [[4, 5, 7, 8], [5, 6, 7, 8]]), ("wedge", [[0, 1, 3, 4, 5, 7]] * 2)]
-    with (
-        pytest.warns(StvkWarning, match="^2 wedge cells are left out: only tetrahedra are used"),
-        pytest.warns(
-            StvkWarning, match=r"^4 vertices \(0, 1, 2, 3\): dropped, because they are on none of the tetrahedra.*omitted cells\?"
-        ),
-    ):
-        mesh = read_mesh(write(tmp_path / "mesh.vtu", points, cells))
-    assert mesh.t.T.tolist() == [[0, 1, 3, 4], [1, 2, 3, 4]]
-
-
 @pytest.mark.parametrize(
     ("cells", "message"),
     [
         (
             [("hexahedron", HEXAHEDRON), ("tetra", [[4, 5, 7, 8], [5, 6, 7, 8]])],
-            r"1 hexahedron and 2 tetra cells; expected one kind of element.*faces of hexahedra and of tetrahedra do not match",
-        ),
-        (
-            [("quad", [[0, 1, 2, 3]]), ("triangle", [[0, 1, 2], [0, 2, 3]])],
-            r"1 quad and 2 triangle cells; expected one kind of element.*Split the quadrilaterals \(mesh.to_meshtri\(\)",
+            r"a quadrilateral face is next to two triangles, at 4 nodes \(4, 5, 6, 7\) of the file",
         ),
     ],
 )
@@ -231,8 +214,6 @@ def test_two_kinds_of_elements_in_one_file_are_refused_by_name(cells, message, t
 @pytest.mark.parametrize(
     ("cells", "message"),
     [
-        ([("wedge", [[0, 1, 3, 4, 5, 7]])], r"no tetrahedra or hexahedra; .*got 1 wedge cells.*to_meshtet\(\)"),
-        ([("wedge", [[0, 1, 3, 4, 5, 7]]), ("quad", [[0, 1, 2, 3]]), ("line", [[0, 1]])], "got 1 wedge, 1 quad and 1 line cells"),
         ([("vertex", [[0], [1]])], "no elements; expected tetrahedra, hexahedra, .* or segments, got 2 vertex cells"),
     ],
 )

@@ -31,7 +31,7 @@ def test_a_mesh_file_whose_first_line_has_no_end_is_refused_at_once(suffix, tmp_
         with file.open("wb") as zeros:
             zeros.truncate(ENDLESS)
     with pytest.raises(
-        MeshError, match=r"(has a line of more than 1000000 bytes|does not begin with '<'|breaks at|last line|bytes)"
+        MeshError, match=r"(has a line of more than 1000000 bytes|does not begin with '<'|breaks at|last line|bytes|is not a)"
     ):
         read_mesh(path)
 

@@ -11,31 +11,37 @@ from pathlib import Path
 
 import meshio
 
-from . import abaqus, binary, gmsh, texts, vtk, xml_files
-from .stream import Counts, Damaged, Source
+from . import abaqus, binary, exodus, gmsh, med, medit, nastran, surfaces, texts, vtk, xml_files
+from .stream import Counts, CutOff, Damaged, Source
 
 #: Readers of this package, by the ending of a file.
-READERS: dict[str, Callable[[Path], meshio.Mesh]] = {".inp": abaqus.read, ".vtk": vtk.read, ".vtu": xml_files.read}
+READERS: dict[str, Callable[[Path], meshio.Mesh]] = {
+    ".inp": abaqus.read,
+    **dict.fromkeys((".e", ".ex2", ".exo", ".exii", ".g", ".gen"), exodus.read),
+    **dict.fromkeys((".med", ".mmed"), med.read),
+    ".mesh": medit.read,
+    ".msh": gmsh.read,
+    **dict.fromkeys((".bdf", ".fem", ".nas"), nastran.read),
+    ".obj": surfaces.obj,
+    ".off": surfaces.off,
+    ".vtk": vtk.read,
+    ".vtu": xml_files.read,
+}
 #: Checks of a file before meshio reads it, by its ending: numbers of nodes and of elements.
 CHECKS: dict[str, Callable[[Path], Counts]] = {
-    ".msh": gmsh.check,
-    ".mesh": texts.counted,
     ".meshb": binary.medit,
     ".ele": texts.tetgen,
     ".node": texts.tetgen,
     ".su2": texts.counted,
-    ".off": texts.counted,
     ".ply": binary.ply,
     ".stl": binary.stl,
-    ".bdf": texts.nastran,
-    ".fem": texts.nastran,
-    ".nas": texts.nastran,
     ".xdmf": xml_files.xdmf,
     ".xmf": xml_files.xdmf,
 }
 #: Other files that belong to a mesh file, by its ending.
 PARTS: dict[str, Callable[[Path], Iterable[Path]]] = {
     ".inp": abaqus.included,
+    **dict.fromkeys((".bdf", ".fem", ".nas"), nastran.parts),
     ".ele": texts.tetgen_files,
     ".node": texts.tetgen_files,
     ".xdmf": xml_files.xdmf_data,
@@ -48,7 +54,6 @@ REFUSED = {
     **dict.fromkeys((".dato", ".dato.gz", ".post", ".post.gz"), "Permas"),
     ".f3grid": "FLAC3D",
     ".mdpa": "Kratos",
-    ".obj": "Wavefront OBJ",
     ".ugrid": "UGRID",
     **dict.fromkeys((".vol", ".vol.gz"), "Netgen"),
     ".wkt": "WKT",
@@ -64,4 +69,4 @@ def refused(path: Path) -> str | None:
     return REFUSED.get(path.suffix.lower(), REFUSED.get("".join(path.suffixes[-2:]).lower()))
 
 
-__all__ = ["CHECKS", "PARTS", "READERS", "REFUSED", "Counts", "Damaged", "refused"]
+__all__ = ["CHECKS", "PARTS", "READERS", "REFUSED", "Counts", "CutOff", "Damaged", "refused"]

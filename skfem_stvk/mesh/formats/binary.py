@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from .stream import Counts, Damaged, Source, check_last_line
+from .stream import Counts, CutOff, Damaged, Source
 from .texts import TEXTS, counted, heads
 
 #: Numbers per entry of Medit's sections of cells, by their keywords.
@@ -73,7 +73,7 @@ def faces_of(data: bytes, faces: int, length: np.dtype[Any], index: np.dtype[Any
     offset = 0
     for face in range(faces):
         if offset + length.itemsize > len(data):
-            raise Damaged(f"{faces} faces are declared, {face} were found")
+            raise CutOff(f"{faces} faces are declared, {face} were found")
         corners = int(np.frombuffer(data, length, 1, offset)[0])
         if corners < 3:
             raise Damaged(f"its face {face} has {corners} vertices")
@@ -95,7 +95,6 @@ def stl(path: Path) -> Counts:
         words = [line.split() for line in iter(source.line, "")]
         if words[:1] and words[0][0] != "solid":
             raise Damaged(f"it is binary and declares {count} triangles, which take {84 + 50 * count} bytes; {size} were found")
-        check_last_line(source.file)
     shape = ["facet", "outer", "vertex", "vertex", "vertex", "endloop", "endfacet"]
     faces = (len(words) - 2) // 7
     odd = any(len(row) != 4 for row in words if row[0] == "vertex")

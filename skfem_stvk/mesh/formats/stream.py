@@ -22,6 +22,10 @@ class Damaged(Exception):
     """A fault of a mesh file, as a clause that follows the name of the file."""
 
 
+class CutOff(Damaged):
+    """A fault of a file of which something is missing, such as numbers of a count that it declares."""
+
+
 class Source:
     """File of text or of binary numbers, read from its beginning to its end.
 
@@ -71,13 +75,13 @@ class Source:
             except ValueError as error:
                 raise Damaged(f"{rows} {what} are declared, but their numbers contain other text") from error
         if len(values) < rows * columns:
-            raise Damaged(f"{rows} {what} are declared, {len(values) // columns} were found")
+            raise CutOff(f"{rows} {what} are declared, {len(values) // columns} were found")
         return values.reshape(rows, columns)
 
     def fits(self, what: str, rows: int, width: int) -> None:
         """Refuse a number of rows, each of at least `width` bytes, that the rest of the file cannot hold."""
         if rows < 0 or rows * width > self.left + 1:
-            raise Damaged(f"{rows} {what} are declared, more than its {self.size} bytes can hold")
+            raise CutOff(f"{rows} {what} are declared, more than its {self.size} bytes can hold")
 
     def rows(self, what: str, count: int) -> list[list[str]]:
         """Return the words of the next lines that are not blank, one line for each row."""
@@ -86,7 +90,7 @@ class Source:
         while len(rows) < count and (line := self.line()):
             rows.append(line.split())
         if len(rows) < count:
-            raise Damaged(f"{count} {what} are declared, {len(rows)} were found")
+            raise CutOff(f"{count} {what} are declared, {len(rows)} were found")
         return rows
 
     def columns(self) -> int:
@@ -115,7 +119,7 @@ def check_last_line(file: Any) -> None:
         return
     file.seek(-1, os.SEEK_END)
     if file.read(1) not in b"\n\r\x1a\0":
-        raise Damaged("its last line has no end, so it may be cut within a number (end it with a newline if it is complete)")
+        raise CutOff("its last line has no end, so it may be cut within a number (end it with a newline if it is complete)")
 
 
 def count_of(text: str, what: str) -> int:

@@ -1,4 +1,4 @@
-"""Text formats that meshio reads, each checked before: a table of the formats that declare their counts, and Nastran's."""
+"""Text formats that meshio reads, each checked before: a table of the formats that declare their counts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .stream import Counts, Damaged, Source, check_last_line
+from .stream import Counts, CutOff, Damaged, Source, check_last_line
 
 #: Groups of all heads of a file so far.
 Known = dict[str, str]
@@ -68,16 +68,6 @@ def count(what: str) -> str:
 
 #: Numbers per entry of SU2's elements including their type, by VTK's types.
 SU2 = {3: 3, 5: 4, 9: 5, 10: 5, 12: 9, 13: 7, 14: 6}
-#: Numbers per entry of Medit's sections, including their tags.
-MEDIT = {
-    "cells": {"Edges": 3, "Triangles": 4, "Quadrilaterals|Tetrahedra": 5, "Pyramids": 6, "Prisms": 7, "Hexahedra|Hexaedra": 9},
-    "others": {
-        "Corners|RequiredVertices|Ridges|RequiredEdges": 1,
-        "NormalAtVertices|TangentAtVertices|VertexOnGeometricVertex|EdgeOnGeometricEdge": 2,
-        "VertexOnGeometricEdge": 3,
-        "SubDomainFromMesh": 4,
-    },
-}
 #: The head of a polygon file whose faces have one list, and of its elements.
 PLY = (
     rf"ply\nformat (?P<form>\w+) 1\.0\nelement vertex {count('nodes')}\n(?P<of_vertex>(?:property \w+ \w+\n)+)"
@@ -85,7 +75,6 @@ PLY = (
     r"(?P<more>(?:property \w+ \w+\n)*)end_header"
 )
 TEXTS = {
-    ".off": Text(("#",), ("OFF",), (Section(rf"OFF\n{count('nodes')}\s+{count('cells')}\s+\d+", (3, 4)),)),
     ".node": Text(
         ("#",),
         ("",),
@@ -113,19 +102,6 @@ TEXTS = {
             Section(r"NMARK=\s*(?P<repeated>\d+)"),
             Section(rf"MARKER_TAG=.*\nMARKER_ELEMS=\s*{count('cells')}", by_first=SU2.__getitem__, repeats=True),
             Section(r"(?!NDIME|NPOIN|NELEM|NMARK|MARKER_)\w+=.*"),
-        ),
-    ),
-    ".mesh": Text(
-        ("#",),
-        ("Vertices", "End"),
-        (
-            Section(r"MeshVersionFormatted\s+\d"),
-            Section(r"Dimension\s+(?P<dimension>\d)"),
-            Section(r"(Identifier|Geometry)\n.*"),
-            Section(rf"Vertices\n{count('nodes')}", (lambda known: int(known["dimension"]) + 1,)),
-            Section(rf"(Normals|Tangents)\n{count('others')}", (lambda known: int(known["dimension"]),)),
-            *(Section(rf"({name})\n{count(what)}", (width,)) for what, widths in MEDIT.items() for name, width in widths.items()),
-            Section("End"),
         ),
     ),
     ".ply": Text(
@@ -157,7 +133,7 @@ def counted(path: Path) -> Counts:
                     entries(source, what, number, section.widths[index], known, text.numbered)
         check_last_line(source.file)
     if missing := [name for name in text.needed if name not in seen]:
-        raise Damaged(f"it has no {missing[0] or 'head'}")
+        raise CutOff(f"it has no {missing[0] or 'head'}")
     if (declared := int(known.get("repeated", 0))) != repeats:
         raise Damaged(f"{declared} markers are declared, {repeats} were found")
     return found["nodes"], found["cells"]
@@ -206,36 +182,3 @@ def tetgen(path: Path) -> Counts:
 def tetgen_files(path: Path) -> list[Path]:
     """Return both files of TetGen's pair."""
     return [path.with_suffix(".node"), path.with_suffix(".ele")]
-
-
-#: Cards of Nastran's elements that meshio reads, and beginnings of cards that it skips without a warning.
-NASTRAN = (
-    "CELAS1 CBEAM CBUSH CBUSH1D CROD CGAP CBAR CTRIAR CTRIA3 CTRAX6 CTRIAX6 CTRIA6 CQUADR CSHEAR CQUAD4 CQUAD8 CQUAD9 CTETRA "
-    "CPYRAM CPYRA CPENTA CHEXA"
-)
-ELEMENTS = ("CTET", "CHEX", "CPEN", "CPYR", "CTRI", "CTRA", "CQUAD", "CBAR", "CBEAM", "CROD", "CSHEAR", "CELAS1", "CBUSH", "CGAP")
-
-
-def nastran(path: Path) -> Counts:
-    """Return the number of nodes and elements of Nastran's bulk data; refuse other coordinate systems."""
-    with Source(path) as source:
-        check_last_line(source.file)
-        source.file.seek(0)
-        every = b"".join(iter(source.raw_line, b"")).decode(errors="replace").splitlines()
-    lines = [line for line in every if line.strip() and not line.startswith(("$", "//", "#"))]
-    starts = [number for number, line in enumerate(lines) if line.startswith("BEGIN BULK")]
-    ends = [number for number, line in enumerate(lines) if line.startswith("ENDDATA")]
-    if not starts or not ends or ends[0] < starts[0]:
-        raise Damaged("BEGIN BULK or ENDDATA is missing")
-    cards = [re.split("[ ,\t]", line[:8], maxsplit=1)[0] for line in lines[starts[0] + 1 : ends[0]] if line[0] not in "+* "]
-    known = set(NASTRAN.split())
-    if bad := [card for card in cards if not re.fullmatch(r"[A-Z][A-Z0-9]*\*?", card)]:
-        raise Damaged(f"{', '.join(bad[:3])[:60]!r} were found; expected names of cards in capital letters")
-    if lost := [card for card in cards if card.startswith(ELEMENTS) and card not in known]:
-        raise Damaged(
-            f"{len(lost)} elements {', '.join(sorted(set(lost)))[:60]} are not supported (written in the small field format they "
-            "are)"
-        )
-    if any(card.startswith("CORD") for card in cards):
-        raise Damaged("it has coordinate systems of its own (CORD...); write all coordinates in the basic one")
-    return sum(card in ("GRID", "GRID*") for card in cards), sum(card in known for card in cards)

@@ -12,24 +12,34 @@ from numpy.typing import NDArray
 from ...arguments import Array
 from ...errors import name_ids
 from ..groups import node_count
-from .stream import Damaged, Source, check_last_line, count_of
+from .stream import CutOff, Damaged, Source, check_last_line, count_of
 
 #: Types of cells in meshio's words, by VTK's numbers.
 VTK = {1: "vertex", 3: "line", 5: "triangle", 7: "polygon", 9: "quad", 10: "tetra", 12: "hexahedron", 13: "wedge", 14: "pyramid"}
 VTK |= {21: "line3", 22: "triangle6", 23: "quad8", 24: "tetra10", 25: "hexahedron20", 28: "quad9", 29: "hexahedron27"}
-VTK |= {32: "wedge18", 35: "line4", 68: "VTK_LAGRANGE_CURVE", 69: "VTK_LAGRANGE_TRIANGLE", 70: "VTK_LAGRANGE_QUADRILATERAL"}
+VTK |= {
+    8: "quad",
+    11: "hexahedron",
+    32: "wedge18",
+    35: "line4",
+    68: "VTK_LAGRANGE_CURVE",
+    69: "VTK_LAGRANGE_TRIANGLE",
+    70: "VTK_LAGRANGE_QUADRILATERAL",
+}
 VTK |= {71: "VTK_LAGRANGE_TETRAHEDRON", 72: "VTK_LAGRANGE_HEXAHEDRON", 73: "VTK_LAGRANGE_WEDGE", 74: "VTK_LAGRANGE_PYRAMID"}
 #: NumPy's types for VTK's. vtkIdType is written with 32 bits.
 TYPES = {"bit": "u1", "vtkidtype": "i4", "float": "f4", "double": "f8"}
 for word, size in (("char", 1), ("short", 2), ("int", 4), ("long", 8)):
     TYPES |= {word: f"i{size}", f"unsigned_{word}": f"u{size}"}
     TYPES |= {f"vtktypeint{8 * size}": f"i{size}", f"vtktypeuint{8 * size}": f"u{size}"}
+#: Datasets whose cells follow from their dimensions.
+STRUCTURED = ("STRUCTURED_POINTS", "RECTILINEAR_GRID", "STRUCTURED_GRID")
 #: Numbers per point or cell, for the attributes whose name determines it.
 ATTRIBUTES = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1, "EDGE_FLAGS": 1}
 
 
 def read(path: Path) -> meshio.Mesh:
-    """Read an unstructured grid with its cell data of numbers."""
+    """Read a grid, or the faces and lines of polygons, with the cell data of numbers."""
     with Source(path) as source:
         if not source.line().startswith("# vtk DataFile Version"):
             raise Damaged("it does not begin with '# vtk DataFile Version'")
@@ -42,13 +52,15 @@ def read(path: Path) -> meshio.Mesh:
 
 
 class Grid:
-    """An unstructured grid, section by section."""
+    """A grid, section by section."""
 
     def __init__(self, source: Source) -> None:
         self.source = source
         self.points: Array | None = None
         self.connectivity = self.ends = self.types = np.empty(0, dtype=np.int64)
         self.cell_data: dict[str, Array] = {}
+        self.kind = ""
+        self.sizes, self.axes = [0, 0, 0], dict[str, Array]()  # of a structured grid: its dimensions, and what places its points
         self.of = ""  # POINT_DATA or CELL_DATA
         self.count = 0
 
@@ -61,17 +73,29 @@ class Grid:
                 if word in seen:
                     raise Damaged(f"{word} occurs twice")
                 seen.add(word)
+            if word in ("POINT_DATA", "CELL_DATA"):
+                self.make_structured()
             self.section(word, words)
-        if self.points is None or not {"CELLS", "CELL_TYPES"} <= seen:
-            raise Damaged("POINTS, CELLS or CELL_TYPES are missing")
+        self.make_structured()
+        if self.points is None or (self.kind == "UNSTRUCTURED_GRID" and not {"CELLS", "CELL_TYPES"} <= seen):
+            raise CutOff("POINTS, CELLS or CELL_TYPES are missing")
         if not self.source.binary:
             check_last_line(self.source.file)
         return mesh_of(self.points, self.connectivity, self.ends, self.types, self.cell_data)
 
     def section(self, word: str, words: list[str]) -> None:
         if word == "DATASET":
-            if words[1:] != ["UNSTRUCTURED_GRID"]:
-                raise Damaged(f"it holds a {' '.join(words[1:])[:40]}; expected an UNSTRUCTURED_GRID with simplices")
+            self.kind = " ".join(words[1:]).upper()
+            if self.kind not in ("UNSTRUCTURED_GRID", "POLYDATA", *STRUCTURED):
+                raise Damaged(f"it holds a {self.kind[:40]}; expected a grid or POLYDATA")
+        elif self.kind in STRUCTURED and word == "DIMENSIONS":
+            self.sizes = [self.count_in(words, i, "points along an axis") for i in (1, 2, 3)]
+        elif self.kind in STRUCTURED and word in ("ORIGIN", "SPACING", "ASPECT_RATIO"):
+            self.axes["SPACING" if word == "ASPECT_RATIO" else word] = np.array([float(number) for number in words[1:4]])
+        elif self.kind in STRUCTURED and word in ("X_COORDINATES", "Y_COORDINATES", "Z_COORDINATES"):
+            self.axes[word[0]] = self.array(word, self.count_in(words, 1, "coordinates"), 1, words[2]).ravel()
+        elif self.kind == "POLYDATA" and word in ("VERTICES", "LINES", "POLYGONS"):
+            self.polygons(word, words)
         elif word == "POINTS":
             self.points = self.array("points", self.count_in(words, 1, "points"), 3, words[2])
         elif word == "CELLS":
@@ -88,6 +112,54 @@ class Grid:
                 pass
         else:
             self.attribute(word, words)
+
+    def polygons(self, word: str, words: list[str]) -> None:
+        """Add the vertices, lines or faces of POLYDATA to its cells; lines and faces of several parts become all of them."""
+        before, self.ends = (self.connectivity, self.ends, self.types), np.empty(0, dtype=np.int64)
+        self.cells(self.count_in(words, 1, "cells"), self.count_in(words, 2, "numbers of cells"))
+        sizes = np.diff(self.ends, prepend=0)
+        if (bad := sizes[(sizes < 1) | (sizes > {"VERTICES": 1, "LINES": 2, "POLYGONS": 4}[word])]).size:
+            raise Damaged(
+                f"its {word} have a cell of {bad[0]} points, which is not read. Split it into "
+                f"{'triangles' if word == 'POLYGONS' else 'parts'}"
+            )
+        shift = before[1][-1] if len(before[1]) else 0
+        self.types = np.append(before[2], np.array([0, 1, 3, 5, 9])[sizes]).astype(np.int64)
+        self.ends, self.connectivity = (
+            np.append(before[1], self.ends + shift).astype(np.int64),
+            np.append(before[0], self.connectivity),
+        )
+
+    def make_structured(self) -> None:
+        """Make the points and the cells of a structured grid; points and cells count along x first."""
+        if self.kind not in STRUCTURED or len(self.types):
+            return
+        x, y, z = (np.arange(size, dtype=np.float64) for size in self.sizes)
+        if self.kind == "STRUCTURED_POINTS":
+            origin, spacing = self.axes.get("ORIGIN", np.zeros(3)), self.axes.get("SPACING", np.ones(3))
+            x, y, z = (o + h * n for o, h, n in zip(origin, spacing, (x, y, z), strict=True))
+        elif self.kind == "RECTILINEAR_GRID":
+            x, y, z = (self.axes.get(axis, np.empty(0)) for axis in "XYZ")
+        if self.kind != "STRUCTURED_GRID":
+            self.points = np.stack([values.ravel("F") for values in np.meshgrid(x, y, z, indexing="ij")], axis=1)
+        if self.points is None or len(self.points) != np.prod(self.sizes) or not np.prod(self.sizes):
+            raise Damaged(f"its DIMENSIONS are {self.sizes}, for {len(self.points if self.points is not None else ())} points")
+        number = np.arange(len(self.points)).reshape(self.sizes, order="F")
+        wide = [axis for axis in range(3) if self.sizes[axis] > 1]
+        steps = [np.zeros(3, dtype=int)]
+        for axis in wide:  # the corners of a line, a pixel or a voxel
+            steps += [step + np.eye(3, dtype=int)[axis] for step in steps]
+        cells = np.stack(
+            [
+                number[tuple(slice(s, n - (a in wide) + s) for a, (s, n) in enumerate(zip(step, self.sizes, strict=True)))].ravel(
+                    "F"
+                )
+                for step in steps
+            ],
+            axis=1,
+        )
+        self.connectivity, self.ends = cells.ravel(), len(steps) * np.arange(1, len(cells) + 1)
+        self.types = np.full(len(cells), {0: 1, 1: 3, 2: 8, 3: 11}[len(wide)])
 
     def count_in(self, words: list[str], index: int, what: str) -> int:
         """Return a count on the line of a section."""
@@ -123,7 +195,7 @@ class Grid:
         heads, begin = list[int](), 0
         for _ in range(count):
             if begin >= numbers or table[begin] < 0:
-                raise Damaged(f"{count} cells are declared, {len(heads)} were found")
+                raise CutOff(f"{count} cells are declared, {len(heads)} were found")
             heads.append(begin)
             begin += 1 + int(table[begin])
         if begin != numbers:
@@ -219,6 +291,10 @@ def sizes_of(connectivity: Array, ends: Array, types: Array) -> NDArray[np.int64
     return sizes
 
 
+#: Nodes of a cell in meshio's order, where it is another one: pixels and voxels count along the axes, and wedges are reversed.
+ORDERS = {8: [0, 1, 3, 2], 11: [0, 1, 3, 2, 4, 5, 7, 6], 13: [0, 2, 1, 3, 5, 4]}
+
+
 def order(kind: int, size: int) -> Array:
-    """Return the order of a cell's nodes in meshio, where wedges are reversed."""
-    return np.array([0, 2, 1, 3, 5, 4]) if VTK[kind] == "wedge" else np.arange(size)
+    """Return the order of a cell's nodes in meshio."""
+    return np.array(ORDERS.get(kind, range(size)))

@@ -152,10 +152,16 @@ class MeshFile(AnyMesh):
     file: Annotated[InputFile, key("Path of the mesh file, relative to the scene file.")]
     scale: Annotated[float, key("Factor of the coordinates, as 0.001 for a file in mm in a scene in m.", gt=0)] = 1.0
     dimension: Dimension = None
+    split: Annotated[bool, key("Whether wedges, pyramids and cells next to them are split into simplices; false refuses them.")] = (
+        True
+    )
+    straighten: Annotated[bool, key("Whether quadratic elements that fold over themselves get straight edges.")] = False
 
     def mesh(self, folder: Path, keep: Collection[str] = ()) -> ElementMesh:
         """Return the mesh, from a file relative to this folder, with all nodes of the groups to `keep`."""
-        mesh = read_mesh(folder / self.file, self.degree, dimension=self.dimension, keep=keep)
+        mesh = read_mesh(
+            folder / self.file, self.degree, dimension=self.dimension, keep=keep, split=self.split, straighten=self.straighten
+        )
         return mesh if self.scale == 1.0 else mesh.scaled(self.scale)
 
 
