@@ -98,6 +98,11 @@ class Report:
     def failures(self, subject: str | None = None) -> list[Result]:
         """Return the failed results, of one subject or of all.
 
+        Parameters
+        ----------
+        subject
+            A subject of the report; None for all.
+
         Raises
         ------
         StvkError
