@@ -131,6 +131,17 @@ def test_the_table_has_the_drawn_mutants():
     assert table == {one.name for one in drawn(ROOT)}
 
 
+def test_the_tests_in_the_table_exist():
+    rows = tomllib.loads(TABLE.read_text(encoding="utf-8"))["mutant"]
+    tests = [row[key].partition("[")[0] for row in rows for key in ("test", "also") if row.get(key, NONE) != NONE]
+    missing = [
+        test
+        for test in tests
+        if test.startswith("tests/") and f"def {test.split('::')[-1]}(" not in (ROOT / test.split("::")[0]).read_text()
+    ]
+    assert len(tests) > 80 and not missing
+
+
 def test_a_stopped_run_goes_on(toy, monkeypatch):
     """Judged mutants stay, the run with probes is not repeated, and faults that no test sees remain open."""
     first = toy()
