@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ...errors import name_ids, warn
 from ..groups import node_count
 from .sides import FACETS, NO_IDS, CellsOfFile, Ids, Sides, joined, mesh_of, parts_of
-from .stream import CutOff, Damaged, Source, check_known, check_unique
+from .stream import CutOff, Damaged, Included, Source, check_known, check_unique, real
 
 Points = NDArray[np.float64]
 #: Types of elements by the type of their cells in meshio's terms. Letters may follow, such as H, I, M, R, T of the same element.
@@ -68,8 +68,6 @@ WHAT = {"NSET": "node", "ELSET": "element"}
 NONE, LARGEST_ID = np.empty(0), 10**15
 #: Lines of a section that are converted to numbers at once.
 CHUNK = 1 << 16
-#: Maximum depth of included files, and their maximum number.
-DEEPEST, MOST_FILES = 8, 100
 NAMES_FILE = re.compile(rb"[ \t]*\*[^*].*\bINPUT[ \t]*=", re.IGNORECASE)
 COMMA = re.compile(r',(?=(?:[^"]*"[^"]*")*[^"]*$)')
 
@@ -285,7 +283,7 @@ class Scope:
 
 
 class BodyOfDeck:
-    """BodyOfDeck of all instances: its points, its blocks of elements with the index of the first, and the scopes of its sets."""
+    """Body of all instances: its points, its blocks of elements with the index of the first, and the scopes of its sets."""
 
     def __init__(self) -> None:
         self.points: list[Points] = []
@@ -482,14 +480,6 @@ def ids_of(words: list[str]) -> Ids:
     return found
 
 
-def real(word: str) -> float:
-    """Return a number, 0 for a blank one; its exponent may begin with D."""
-    try:
-        return float(word.upper().replace("D", "E") or 0)
-    except ValueError as error:
-        raise Damaged(f"{word[:60]!r} was found; expected a number") from error
-
-
 def split(line: str) -> list[str]:
     """Return the words between commas, without blanks and quotes around them.
 
@@ -501,10 +491,10 @@ def split(line: str) -> list[str]:
 
 
 class Files:
-    """File with the files that it includes: from its folder or below, with limits on depth and number."""
+    """File with the files that it includes."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.count = path, 0
+        self.path, self.included = path, Included(path)
 
     def sections(self) -> Iterator[tuple[str, dict[str, str], Iterator[str]]]:
         """Yield keyword, options and lines of data of each section, also of included files; lines may be left."""
@@ -517,14 +507,14 @@ class Files:
             if not keyword[:1].isalpha():
                 raise Damaged(f"{head[:60]!r} was found; expected a keyword")
             other = options.get("INPUT", "")
-            yield keyword, options, self.lines(self.included(other), 1) if other else data
+            yield keyword, options, self.lines(self.included.path(other), 1) if other else data
             for _ in data:
                 pass
             head = following[0] if following else ""
 
     def lines(self, path: Path, depth: int) -> Iterator[str]:
         """Yield the lines without comments, with keyword lines whole; `*INCLUDE` yields the lines of the included file."""
-        self.enter(path, depth)
+        self.included.enter(path, depth)
         head = ""
         with Source(path) as source:
             for raw in iter(source.raw_line, b""):
@@ -541,7 +531,7 @@ class Files:
                         continue
                     line, head = head, ""
                     if head_of(line)[0] == "INCLUDE":
-                        yield from self.lines(self.included(head_of(line)[1].get("INPUT", "")), depth + 1)
+                        yield from self.lines(self.included.path(head_of(line)[1].get("INPUT", "")), depth + 1)
                         continue
                     yield line
                 else:
@@ -551,28 +541,14 @@ class Files:
 
     def every(self, path: Path, depth: int = 0) -> Iterator[Path]:
         """Yield the files that a file includes, and the files that these include."""
-        self.enter(path, depth)
+        self.included.enter(path, depth)
         with Source(path) as source:
             lines = [raw for raw in iter(source.raw_line, b"") if NAMES_FILE.match(raw)]
         for line in lines:
             if name := head_of(decoded(line).strip())[1].get("INPUT"):
-                found = self.included(name)
+                found = self.included.path(name)
                 yield found
                 yield from self.every(found, depth + 1)
-
-    def enter(self, path: Path, depth: int) -> None:
-        """Count a file, and refuse files that are included too deep, or too many."""
-        self.count += 1
-        if depth > DEEPEST or self.count > MOST_FILES:
-            raise Damaged(f"it includes files more than {DEEPEST} deep, or more than {MOST_FILES}: itself? {path.name[:60]}")
-
-    def included(self, name: str) -> Path:
-        """Return a regular file in the folder of the mesh file, or below."""
-        folder = self.path.resolve().parent
-        path = (folder / name).resolve()
-        if not name or not path.is_relative_to(folder):
-            raise Damaged(f"it includes {name[:80]!r}, which is not in its folder {folder}: copy it there")
-        return path
 
 
 def until_keyword(lines: Iterator[str], following: list[str]) -> Iterator[str]:

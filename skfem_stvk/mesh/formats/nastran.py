@@ -17,7 +17,7 @@ from ...errors import name_ids, warn
 from ..groups import node_count
 from .exodus import ORDERS
 from .sides import LAGRANGE, Ids
-from .stream import CutOff, Damaged, Source, check_known, check_unique
+from .stream import CutOff, Damaged, Included, Source, check_known, check_unique, real
 
 Points = NDArray[np.float64]
 #: Types of cells in meshio's terms, with corners alone and with all middle nodes, by the names of cards.
@@ -40,8 +40,6 @@ REFUSED = re.compile(
 )
 #: Cards of elements without volume, which are left out with a note.
 WITHOUT_VOLUME = re.compile(r"C(ELAS|BUSH|GAP|DAMP|MASS|ONM|VISC|WELD|FAST|SEAM)\w*|CON(M|V)\w*")
-#: Maximum depth of included files, and their maximum number.
-DEEPEST, MOST_FILES = 8, 100
 
 
 def read(path: Path) -> meshio.Mesh:
@@ -156,7 +154,7 @@ def cartesian(kind: str, x: Points) -> Points:
 def cards(path: Path) -> Iterator[list[str]]:
     """Yield each card with its continuation lines: its name in capital letters, and at least nine fields."""
     card: list[str] = []
-    for line in bulk(path, path, [0], 0):
+    for line in bulk(path, Included(path), 0):
         name, data = fields_of(line)
         if name == "" or name[0] in "+*":
             card += data
@@ -189,11 +187,9 @@ def fields_of(line: str) -> tuple[str, list[str]]:
     return ("+" if name[:1] in ("+", "*") else name.rstrip("*")), data + [""] * (count - len(data))
 
 
-def bulk(path: Path, main: Path, count: list[int], depth: int) -> Iterator[str]:
+def bulk(path: Path, included: Included, depth: int) -> Iterator[str]:
     """Yield the lines of the bulk data, also of included files."""
-    count[0] += 1
-    if depth > DEEPEST or count[0] > MOST_FILES:
-        raise Damaged(f"it includes files more than {DEEPEST} deep, or more than {MOST_FILES}: itself? {path.name[:60]}")
+    included.enter(path, depth)
     with Source(path) as source:
         texts = iter(source.raw_line, b"")
         heads = [raw.upper().split()[:2] for raw in iter(source.raw_line, b"")]
@@ -210,7 +206,7 @@ def bulk(path: Path, main: Path, count: list[int], depth: int) -> Iterator[str]:
             if word == "ENDDATA":
                 return
             if word == "INCLUDE":
-                yield from bulk(included(line, main), main, count, depth + 1)
+                yield from bulk(included.path(file_of(line)), included, depth + 1)
             else:
                 if raw[-1:] not in b"\n\r\x1a\0":
                     raise CutOff(
@@ -219,20 +215,17 @@ def bulk(path: Path, main: Path, count: list[int], depth: int) -> Iterator[str]:
                 yield line
 
 
-def included(line: str, main: Path) -> Path:
-    """Return the regular file that an INCLUDE names, in the folder of the mesh file or below."""
-    name, folder = line.split(maxsplit=1)[-1].strip("'\" "), main.resolve().parent
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder):
-        raise Damaged(f"it includes {name[:80]!r}, which is not in its folder {folder}: copy it there")
-    return path
+def file_of(line: str) -> str:
+    """Return the path of a file that a line includes."""
+    return line.split(maxsplit=1)[-1].strip("'\" \r\n")
 
 
 def parts(path: Path) -> list[Path]:
     """Return the files that a file includes."""
     with Source(path) as source:
         lines = [raw.decode(errors="replace") for raw in iter(source.raw_line, b"") if raw.upper().lstrip().startswith(b"INCLUDE")]
-    return [found for line in lines for found in (included(line, path), *parts(included(line, path)))]
+    files = [Included(path).path(file_of(line)) for line in lines]
+    return [found for file in files for found in (file, *parts(file))]
 
 
 def whole(word: str) -> int:
@@ -240,15 +233,3 @@ def whole(word: str) -> int:
     if not (word.isascii() and word.isdigit() and len(word) <= 18):
         raise Damaged(f"{word[:40]!r} was found; expected an id")
     return int(word)
-
-
-def real(word: str) -> float:
-    """Return a number, 0 for a blank one; the letter of its exponent may be missing.
-
-    >>> real("1.5-3"), real("-2.D+1"), real("")
-    (0.0015, -20.0, 0.0)
-    """
-    try:
-        return float(re.sub(r"(?<=[\d.])[DE]?([+-]\d+)$", r"E\1", word.upper()) or 0)
-    except ValueError as error:
-        raise Damaged(f"{word[:40]!r} was found; expected a number") from error

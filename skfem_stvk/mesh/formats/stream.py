@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...errors import name_ids
 
+#: Maximum depth of included files, and their maximum number.
+DEEPEST, MOST_FILES = 8, 100
 #: Most bytes of a line of text.
 LONGEST = 1_000_000
 #: Declared numbers of nodes and of elements; None for an undeclared number.
@@ -105,6 +108,38 @@ class Source:
         found = self.line()
         if found != word:
             raise Damaged(f"{found[:60] or 'nothing'} follows {after}; expected {word or 'nothing'}")
+
+
+class Included:
+    """Files that a mesh file includes: from its folder or below, with limits on their depth and number."""
+
+    def __init__(self, path: Path) -> None:
+        self._folder, self._count = path.resolve().parent, 0
+
+    def enter(self, path: Path, depth: int) -> None:
+        """Count a file, and refuse files that are included too deep, or too many."""
+        self._count += 1
+        if depth > DEEPEST or self._count > MOST_FILES:
+            raise Damaged(f"it includes files more than {DEEPEST} deep, or more than {MOST_FILES}: itself? {path.name[:60]}")
+
+    def path(self, name: str) -> Path:
+        """Return the path of an included file."""
+        path = (self._folder / name).resolve()
+        if not name or not path.is_relative_to(self._folder):
+            raise Damaged(f"it includes {name[:80]!r}, which is not in its folder {self._folder}: copy it there")
+        return path
+
+
+def real(word: str) -> float:
+    """Return a number, 0 for a blank one; the letter of its exponent may be D, or missing as in files of Nastran.
+
+    >>> real("1.5-3"), real("-2.D+1"), real("")
+    (0.0015, -20.0, 0.0)
+    """
+    try:
+        return float(re.sub(r"(?<=[\d.])(?:[DE]([+-]?\d+)|([+-]\d+))$", r"E\1\2", word.upper()) or 0)
+    except ValueError as error:
+        raise Damaged(f"{word[:40]!r} was found; expected a number") from error
 
 
 def regular(path: Path) -> None:
