@@ -20,7 +20,7 @@ from ..arguments import real_array
 from ..errors import MeshError, StvkWarning, name_ids, warn
 from .element import Element, named
 from .facets import further_nodes, with_midpoints
-from .formats import CHECKS, PARTS, READERS, REFUSED, Counts, CutOff, Damaged, refused
+from .formats import CHECKS, CONVERTED, PARTS, READERS, REFUSED, Counts, CutOff, Damaged, refused
 from .formats.stream import check_unique
 from .groups import (
     DIMENSION,
@@ -389,6 +389,10 @@ def check_file(path: Path) -> None:
             "it: "
             f"meshio convert {quote(str(path))} {quote(f'{path.stem}.vtu')}"
         )
+    if path.suffix.lower() in CONVERTED:
+        what, way = CONVERTED[path.suffix.lower()]
+        line = way.format(file=quote(str(path)), new=quote(path.stem))
+        raise MeshError(f"{path} is a {what} file, which is not read; expected a mesh of a known format. This makes one: {line}")
     known = sorted({*meshio.extension_to_filetypes, *READERS} - set(REFUSED))
     if path.suffix.lower() not in known:
         raise MeshError(

@@ -18,10 +18,32 @@ def test_a_missing_file_is_refused(tmp_path):
 
 
 def test_an_unknown_extension_is_refused_with_the_known_ones(tmp_path):
-    file = tmp_path / "mesh.step"
+    file = tmp_path / "mesh.xyz"
     file.touch()
-    with pytest.raises(MeshError, match=r"unknown extension '\.step'; known: .*\.inp.*\.msh.*\.vtu.*convert it"):
+    with pytest.raises(MeshError, match=r"unknown extension '\.xyz'; known: .*\.inp.*\.msh.*\.vtu.*convert it"):
         read_mesh(file)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("part.unv", "is a I-DEAS universal file, which is not read; .* This makes one: gmsh .*part.unv -save -o part.msh"),
+        ("my part.STEP", "is a geometry file, .* This makes one: gmsh -3 '.*my part.STEP' -o 'my part'.msh"),
+        ("part.feb", "is a FEBio file, .* FEBio Studio, as an Abaqus file part.inp"),
+        ("part.vtp", "is a VTK XML file, .* ParaView's Save Data, as part.vtk"),
+    ],
+)
+def test_a_format_that_is_not_read_is_named_with_what_converts_it(name, message, tmp_path):
+    (tmp_path / name).write_text("data")
+    with pytest.raises(MeshError, match=message):
+        read_mesh(tmp_path / name)
+
+
+def test_tetrahedra_of_tetgen_with_ten_nodes_are_refused_by_name(tmp_path):
+    (tmp_path / "ten.ele").write_text("1 10 0\n1 1 2 3 4 5 6 7 8 9 10\n")
+    (tmp_path / "ten.node").write_text("10 3 0 0\n")
+    with pytest.raises(MeshError, match="its elements have 10 nodes, which are not read. Write it with 4: tetgen without -o2"):
+        read_mesh(tmp_path / "ten.ele")
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,16 @@ REFUSED = {
     ".xml": "DOLFIN XML",
 }
 
+#: Formats that are not read, and what makes a mesh of their files, by the ending; {new} is the new file.
+CONVERTED = {
+    ".unv": ("I-DEAS universal", "gmsh {file} -save -o {new}.msh"),
+    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep"), ("geometry", "gmsh -3 {file} -o {new}.msh")),
+    **dict.fromkeys((".vti", ".vtr", ".vts", ".vtp", ".vtm"), ("VTK XML", "ParaView's Save Data, as {new}.vtk")),
+    ".veg": ("VegaFEM", "its loader VolumetricMeshLoader, as {new}.vtk"),
+    ".feb": ("FEBio", "FEBio Studio, as an Abaqus file {new}.inp"),
+    **dict.fromkeys((".glb", ".gltf", ".dae", ".3mf"), ("scene", "trimesh: trimesh.load(FILE, force='mesh').export('{new}.obj')")),
+}
+
 
 def refused(path: Path) -> str | None:
     """Return the name of the format of a file if the format is refused."""
@@ -69,4 +79,4 @@ def refused(path: Path) -> str | None:
     return REFUSED.get(path.suffix.lower(), REFUSED.get("".join(path.suffixes[-2:]).lower()))
 
 
-__all__ = ["CHECKS", "PARTS", "READERS", "REFUSED", "Counts", "CutOff", "Damaged", "refused"]
+__all__ = ["CHECKS", "CONVERTED", "PARTS", "READERS", "REFUSED", "Counts", "CutOff", "Damaged", "refused"]
