@@ -42,7 +42,7 @@ def test_a_format_that_is_not_read_is_named_with_what_converts_it(name, message,
 def test_tetrahedra_of_tetgen_with_ten_nodes_are_refused_by_name(tmp_path):
     (tmp_path / "ten.ele").write_text("1 10 0\n1 1 2 3 4 5 6 7 8 9 10\n")
     (tmp_path / "ten.node").write_text("10 3 0 0\n")
-    with pytest.raises(MeshError, match="its elements have 10 nodes, which are not read. Write it with 4: tetgen without -o2"):
+    with pytest.raises(MeshError, match=r"its elements have 10 nodes, which are not read\. Write it with 4: tetgen without -o2"):
         read_mesh(tmp_path / "ten.ele")
 
 
