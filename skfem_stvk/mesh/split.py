@@ -53,6 +53,7 @@ def split_cells(raw: meshio.Mesh, name: str, split: bool) -> meshio.Mesh:
         if len(block) and family(block) in boxes:
             cells, origin = tetrahedra(table, FACES[family(block)]) if solid else triangles(table)
             blocks.append(("tetra" if solid else "triangle", cells))
+            refuse_folded(raw.points, cells, origin, block, name)
         elif len(block) and solid and family(block) == "quad":
             cells, origin = triangles(table)
             blocks.append(("triangle", cells))
@@ -121,6 +122,23 @@ def tetrahedra(cells: Ids, faces: Sequence[Sequence[int]]) -> tuple[Ids, Ids]:
     good = distinct(found)
     order = np.argsort(rows[good], kind="stable")
     return found[good][order], rows[good][order]
+
+
+def refuse_folded(points: NDArray[np.float64], cells: Ids, rows: Ids, block: Any, name: str) -> None:
+    """Refuse cells of which nothing remains, or whose tetrahedra have both orientations."""
+    bad = np.setdiff1d(np.arange(len(block)), rows)
+    if cells.shape[1] == 4 and points.shape[1] == 3:
+        x = points[cells]
+        signs = np.sign(np.linalg.det(x[:, 1:] - x[:, :1]))
+        least, most = np.full(len(block), 2.0), np.full(len(block), -2.0)
+        np.minimum.at(least, rows, signs)
+        np.maximum.at(most, rows, signs)
+        bad = np.union1d(bad, np.flatnonzero(least * most < 0))
+    if len(bad):
+        raise MeshError(
+            f"{name}: {name_ids(bad, f'{block.type} cell')}: the same vertex twice, or folded over itself, so that it is no sum of "
+            "simplices. Correct or remove it."
+        )
 
 
 def refuse_unmatched(blocks: Sequence[Any], name: str) -> None:

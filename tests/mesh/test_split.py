@@ -107,6 +107,18 @@ def test_hexahedra_with_a_repeated_vertex_are_what_they_are(tmp_path):
         read_mesh(tmp_path / "two.vtk", split=False)
 
 
+@pytest.mark.parametrize("change", ["flat", "folded"])
+def test_cells_that_are_no_sum_of_tetrahedra_are_refused(change, tmp_path):
+    corners = np.array(CELLS["hexahedron"][0], dtype=float)
+    points = np.concatenate([corners, corners + 5])
+    if change == "folded":
+        points[14] = 4.0  # a corner is pushed through its cell
+    second = [0, 1, 2, 3, 0, 1, 2, 3] if change == "flat" else list(range(8))
+    cells = [[0, 1, 2, 2, 4, 5, 6, 6], (8 + np.array(second)).tolist()]
+    with pytest.raises(MeshError, match=r"1 hexahedron cell \(1\): the same vertex twice, or folded over itself"):
+        read_mesh(write(tmp_path / "bad.vtk", points, [("hexahedron", cells)]))
+
+
 def test_quadrilaterals_beside_triangles_are_split(tmp_path):
     points = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [2, 0, 0]]
     path = write(tmp_path / "shell.vtk", points, [("quad", [[0, 1, 2, 3]]), ("triangle", [[1, 4, 2]])])
