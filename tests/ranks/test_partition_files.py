@@ -254,6 +254,7 @@ MEMORY = """
 import json, resource, sys
 from mpi4py import MPI
 import numpy, scipy.sparse, skfem, numba, h5py
+from pydantic import TypeAdapter  # files are checked by it
 from skfem_stvk.ranks import distribute
 
 def peak():

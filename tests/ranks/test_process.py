@@ -231,7 +231,8 @@ def test_a_partition_file_is_the_mesh_of_a_scene(on_ranks, tmp_path, capsys):
     done = command(on_ranks, 2, *divided)
     assert "as expected bolts.z" in done.stdout and "Pictures" in (tmp_path / "out" / "report.html").read_text()
     assert summary(tmp_path / "out")["results"]["tip.z"] == pytest.approx(-1.0229937e-3, rel=1e-6)
-    assert main(divided) == 2 and "bracket.h5 is a partition file, for several ranks" in capsys.readouterr().err
+    alone = [*divided[:-1], str(tmp_path / "alone")]
+    assert main(alone) == 2 and "bracket.h5 is a partition file, for several ranks" in capsys.readouterr().err
     data = bytearray((tmp_path / "bracket.h5").read_bytes())
     with h5py.File(tmp_path / "bracket.h5") as file:
         data[file["parts/3/p"].id.get_offset()] ^= 1  # of the last part, which rank 1 reads

@@ -106,7 +106,9 @@ def test_the_ledger_is_written_once(folders):
 def test_a_checkpoint_of_one_machine_has_its_former_form(folders):
     with np.load(folders["early"] / "euler" / "motion.npz") as file:
         header = json.loads(str(file["header"]))
-        assert "parts" not in header and {"array u", "array v", "array a", "array reaction", "array ledger"} <= set(file.files)
+        assert "parts" not in header and {f"array state {name}" for name in ("u", "v", "a", "reaction")} | {"array rows"} <= set(
+            file.files
+        )
     assert not [*folders["killed on 1"].glob("*/rank*_motion_*")]
 
 
@@ -132,7 +134,7 @@ def test_a_header_is_written_after_the_parts_and_names_them(folders):
     for name in MOTIONS:
         with np.load(killed / name / "motion.npz") as file:
             header = json.loads(str(file["header"]))
-        assert header["now"]["steps"] == SAVED or name == "found"
+        assert header["record"]["steps"] == SAVED or name == "found"
         there = {one.name for one in (killed / name).glob("rank*.npz")}
         assert set(header["parts"]) <= there and (name == "verlet" or set(header["parts"]) == there)
     assert len([*(killed / "path").glob("state_*.npz")]) == 2  # of the third, one rank has not written its part

@@ -345,12 +345,16 @@ def test_the_workflow_installs_the_package_from_a_checkout_at_one_address(tmp_pa
 def build(tmp_path_factory):
     """Run the commands of the workflow on a copy of the docs' folder, except the installation, and return the folder."""
     needed("cmake"), needed("ctest"), needed("c++")
+    tools = [
+        str(Path(tool).parent) for tool in (sys.executable, *map(shutil.which, ("cmake", "ctest", "c++", "sh")))
+    ]  # no other Python
     folder = tmp_path_factory.mktemp("user") / "candidate"
     shutil.copytree(DOCS, folder)
     command = folder.parent / "skfem-stvk"
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m skfem_stvk.scenes.commands "$@"\n')
     command.chmod(0o755)
-    environment = {**os.environ, "PATH": f"{folder.parent}{os.pathsep}{os.environ['PATH']}", "PYTHONPATH": str(DOCS.parents[1])}
+    path = os.pathsep.join([str(folder.parent), *tools])
+    environment = {**os.environ, "PATH": path, "PYTHONPATH": str(DOCS.parents[1])}
     if find_spec("pybind11") is not None:
         environment["pybind11_DIR"] = import_module("pybind11").get_cmake_dir()
     _, commands = commands_of_the_workflow()

@@ -45,7 +45,7 @@ def test_no_integrator_is_wrong_without_a_warning_and_the_plain_one_is(scene, tm
     assert [run.method for run in row.runs] == list(methods.METHODS)
     assert [run.method for run in row.runs if run.verdict is Verdict.WRONG] == ["plain eq. 9"]
     table.save([row], tmp_path, study.IN_MOTION)
-    with (tmp_path / f"{study.NAME}.csv").open(encoding="utf-8") as file:
+    with (tmp_path / f"{study.IN_MOTION.name}.csv").open(encoding="utf-8") as file:
         assert len(list(csv.reader(file))) == 1 + len(row.runs)
 
 

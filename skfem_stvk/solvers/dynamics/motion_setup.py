@@ -130,7 +130,8 @@ def method_options(motion: Motion, integrator: Integrator, rule: Rule | None = N
     """Return all options of the method, in the form of `MotionMethod`. A solver object is stored by its name."""
     options = {one.name: getattr(integrator, one.name) for one in fields(integrator)}
     objects = {name: value.name for name, value in options.items() if hasattr(value, "name")}
-    plain = {name: x if x is None or isinstance(x, str) else float(x) for name, x in options.items() if name not in objects}
+    others = {name: x for name, x in options.items() if name not in objects and (name != "solver" or isinstance(x, str))}
+    plain = {name: x if x is None or isinstance(x, str) else float(x) for name, x in others.items()}  # `choose` refuses solvers
     return {
         "integrator": {"name": integrator.name, "options": plain, "objects": objects},
         "mass": motion.mass.kind,
