@@ -76,7 +76,8 @@ class ContactState:
 def contact_state(system: System, name: str, u: Array, t: Time, forces: Array | None = None) -> ContactState:
     """Return the state of the contact of this name at displacements `u` (ndofs,) and load factor or moment `t`.
 
-    `forces` (n, ndofs) are those of all contacts on the body [N], by default those at `u`.
+    `forces` (n, ndofs) are those of all contacts on the body [N], by default those at `u` without friction, which follows from the
+    states before.
 
     Raises
     ------
