@@ -14,6 +14,7 @@ from skfem_stvk import (
     RigidPlane,
     Simulation,
     StVK,
+    StvkError,
     System,
     Traction,
     modes,
@@ -104,3 +105,12 @@ def test_motions_and_modes_are_those_of_the_mesh(meshes, tmp_path):
     same(own_steps.u, of_steps.u)
     one, other = ((tmp_path / f"{i}_0000.vtu").read_text() for i in range(2))
     assert ("GlobalNodeIds" in one, "GlobalNodeIds" in other) == (False, False)
+
+
+def test_a_launcher_that_mpi4py_does_not_know_is_an_error(monkeypatch):
+    world = pytest.importorskip("skfem_stvk.ranks.job").world
+    assert world().size == 1
+    monkeypatch.setenv("OMPI_COMM_WORLD_RANK", "1")
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "3")
+    with pytest.raises(StvkError, match="ranks = 1; expected 3, the number of processes that were started"):
+        world()
