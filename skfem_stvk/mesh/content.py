@@ -126,7 +126,7 @@ def check_cells(mesh: meshio.Mesh) -> None:
 
 
 def base_of(raw: meshio.Mesh, name: str) -> Element:
-    """Return the linear element that has the corners of the cells of the highest dimension."""
+    """Return the linear element that has the corners of the cells of the highest dimension, which are split to one kind."""
     filled = [block for block in raw.cells if len(block)]
     if not filled:
         raise MeshError(f"{name} holds no cells. Is it cut off, or a cloud of points?")
@@ -134,18 +134,10 @@ def base_of(raw: meshio.Mesh, name: str) -> Element:
     kinds = {linear_kind(block.type) for block in filled if block.dim == k} - {""} if k > 0 else set()
     if len(kinds) == 1:
         return named(kinds.pop())
-    if kinds:
-        carriers = [block for block in filled if block.dim == k and linear_kind(block.type)]
-        split = "mesh.to_meshtet()" if k == 3 else "mesh.to_meshtri()"
-        reason = "faces of hexahedra and of tetrahedra do not match" if k == 3 else "all have the same nodes and rule"
-        raise MeshError(
-            f"{name} holds {count_cells(carriers)}; expected one kind of element in a body: {reason}. Split the "
-            f"{'hexahedra' if k == 3 else 'quadrilaterals'} ({split} in scikit-fem), or write each kind to a file of its own."
-        )
     expected = {1: "segments", 2: "triangles or quadrilaterals", 3: "tetrahedra or hexahedra"}.get(k, "elements")
     raise MeshError(
         f"{name} holds no {expected}; expected tetrahedra, hexahedra, triangles, quadrilaterals or segments, got "
-        f"{count_cells(filled)}. Wedges and pyramids can be split into tetrahedra: MeshWedge1(p, t).to_meshtet() in scikit-fem."
+        f"{count_cells(filled)}."
     )
 
 
@@ -392,7 +384,9 @@ def check_file(path: Path) -> None:
     if path.suffix.lower() in CONVERTED:
         what, way = CONVERTED[path.suffix.lower()]
         line = way.format(file=quote(str(path)), new=quote(path.stem))
-        raise MeshError(f"{path} is a {what} file, which is not read; expected a mesh of a known format. This makes one: {line}")
+        raise MeshError(
+            f"{path} has the format {what}, which is not read; expected a mesh of a known format. This makes one: {line}"
+        )
     known = sorted({*meshio.extension_to_filetypes, *READERS} - set(REFUSED))
     if path.suffix.lower() not in known:
         raise MeshError(

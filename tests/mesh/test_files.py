@@ -27,10 +27,10 @@ def test_an_unknown_extension_is_refused_with_the_known_ones(tmp_path):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("part.unv", "is a I-DEAS universal file, which is not read; .* This makes one: gmsh .*part.unv -save -o part.msh"),
-        ("my part.STEP", "is a geometry file, .* This makes one: gmsh -3 '.*my part.STEP' -o 'my part'.msh"),
-        ("part.feb", "is a FEBio file, .* FEBio Studio, as an Abaqus file part.inp"),
-        ("part.vtp", "is a VTK XML file, .* ParaView's Save Data, as part.vtk"),
+        ("part.unv", "has the format I-DEAS universal, which is not read; .* This makes one: gmsh .*part.unv -save -o part.msh"),
+        ("my part.STEP", "has the format CAD geometry, .* This makes one: gmsh -3 '.*my part.STEP' -o 'my part'.msh"),
+        ("part.feb", "has the format FEBio, .* FEBio Studio, as an Abaqus file part.inp"),
+        ("part.vtp", "has the format VTK XML, .* ParaView's Save Data, as part.vtk"),
     ],
 )
 def test_a_format_that_is_not_read_is_named_with_what_converts_it(name, message, tmp_path):

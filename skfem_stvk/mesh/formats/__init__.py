@@ -63,7 +63,7 @@ REFUSED = {
 #: Formats that are not read, and what makes a mesh of their files, by the ending; {new} is the new file.
 CONVERTED = {
     ".unv": ("I-DEAS universal", "gmsh {file} -save -o {new}.msh"),
-    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep"), ("geometry", "gmsh -3 {file} -o {new}.msh")),
+    **dict.fromkeys((".step", ".stp", ".iges", ".igs", ".brep"), ("CAD geometry", "gmsh -3 {file} -o {new}.msh")),
     **dict.fromkeys((".vti", ".vtr", ".vts", ".vtp", ".vtm"), ("VTK XML", "ParaView's Save Data, as {new}.vtk")),
     ".veg": ("VegaFEM", "its loader VolumetricMeshLoader, as {new}.vtk"),
     ".feb": ("FEBio", "FEBio Studio, as an Abaqus file {new}.inp"),
